@@ -133,7 +133,9 @@ def _curves(results: Results, mode: Mode, most: int) -> tuple[NDArray[np.int64],
 
 
 def _periods(mode: Mode) -> list[float] | None:
-    """Rotation periods of some draws, s, ascending; None if the body does not rotate."""
+    """Rotation periods of some draws, s, ascending; None if the body has none, or tumbles."""
+    if "inertia" in mode.draws or "inertia_ratio" in mode.draws:
+        return None
     if "period_h" in mode.draws:
         values = HOUR_S * _stacked(mode, "period_h")
     elif "omega" in mode.draws:

@@ -6,6 +6,7 @@ import numpy as np
 
 from lcbayes.analysis.numerals import digits, show
 from lcbayes.analysis.sky_plots import draw_line, mollweide, place
+from lcbayes.analysis.small_report import Listing
 from lcbayes.analysis.style import DATA, FAINT, Gallery, colour
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.geometry.spherical import lon_lat_deg
@@ -29,11 +30,34 @@ def wire_like(result: Glints, i: int) -> bool:
 def words(result: Glints, curve: LightCurve) -> list[str]:
     """The result as lines of text, without the verdict."""
     units = "; heights in baselines, directions of bisectors" if result.glints else ""
-    lines = [f"{len(result.glints)} glint(s) in {curve.n_obs} points{units}"]
+    lines = [f"{_counted(result, curve)}{units}"]
     if result.glints:
-        lines += _table(result, curve)
+        lines += _columns(result, curve)
     if len(result.glints) > LISTED:
         lines.append(f"  and {len(result.glints) - LISTED} more, in summary.json")
+    return lines + _directions(result) + result.notes
+
+
+def table(result: Glints, curve: LightCurve) -> Listing:
+    """A row for each glint."""
+    heads = ("glint", "time", "pass", "width (s)", "height (baselines)", "significance (sigma)")
+    heads += ("bisector, longitude (deg)", "latitude (deg)", "")
+    rows = [_cells(result, curve, i) for i in range(len(result.glints))]
+    return Listing("glints", heads, rows)
+
+
+def remarks(result: Glints, curve: LightCurve) -> list[str]:
+    """What the text says besides the glints."""
+    return [_counted(result, curve), *_directions(result), *result.notes]
+
+
+def _counted(result: Glints, curve: LightCurve) -> str:
+    return f"{len(result.glints)} glint(s) in {curve.n_obs} points"
+
+
+def _directions(result: Glints) -> list[str]:
+    """What the glints determine."""
+    lines: list[str] = []
     for f in result.facets:
         lines.append(f"facet: normal {_where(f)}, from {len(f.members)} glints")
     if result.cylinder is not None:
@@ -50,31 +74,36 @@ def words(result: Glints, curve: LightCurve) -> list[str]:
         )
     if result.single and result.facets:
         lines.append(f"{len(result.single)} glint(s) belong to none of these facets")
-    return lines + result.notes
+    return lines
 
 
-def _table(result: Glints, curve: LightCurve) -> list[str]:
+def _columns(result: Glints, curve: LightCurve) -> list[str]:
     """The first glints in columns."""
     row = "{:>4} {:<24}{:>5}{:>9}{:>10}{:>7}  {:<16}{}"
-    head = row.format("", "time", "pass", "width", "height", "sigma", "direction", "")
-    lines = [head.rstrip()]
-    for i, one in enumerate(result.glints[:LISTED]):
-        lon, lat = (show(float(x), 10.0) for x in lon_lat_deg(result.seen[i].bisector))
-        narrow = [] if one.resolved else ["not resolved"]
-        wire = ["wire-like"] if wire_like(result, i) else []
-        lines.append(
-            row.format(
-                f"{i + 1}:",
-                _time(one, curve),
-                one.stretch + 1,
-                f"{show(one.fwhm, one.fwhm)} s",
-                f"{one.height / one.baseline:.3g}",
-                f"{one.significance:.3g}",
-                f"({lon}, {lat}) deg",
-                ", ".join(narrow + wire),
-            ).rstrip()
-        )
+    lines = [row.format("", "time", "pass", "width", "height", "sigma", "direction", "").rstrip()]
+    for i in range(min(len(result.glints), LISTED)):
+        number, time, stretch, width, height, sigma, lon, lat, kind = _cells(result, curve, i)
+        cells = f"{number}:", time, stretch, f"{width} s", height, sigma, f"({lon}, {lat}) deg"
+        lines.append(row.format(*cells, kind).rstrip())
     return lines
+
+
+def _cells(result: Glints, curve: LightCurve, i: int) -> tuple[str, ...]:
+    one = result.glints[i]
+    lon, lat = (show(float(x), 10.0) for x in lon_lat_deg(result.seen[i].bisector))
+    narrow = [] if one.resolved else ["not resolved"]
+    wire = ["wire-like"] if wire_like(result, i) else []
+    return (
+        str(i + 1),
+        _time(one, curve),
+        str(one.stretch + 1),
+        show(one.fwhm, one.fwhm),
+        f"{one.height / one.baseline:.3g}",
+        f"{one.significance:.3g}",
+        lon,
+        lat,
+        ", ".join(narrow + wire),
+    )
 
 
 def _time(one: Glint, curve: LightCurve) -> str:

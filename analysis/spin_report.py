@@ -8,11 +8,12 @@ import numpy as np
 
 from lcbayes.analysis.numerals import FRAMES, show
 from lcbayes.analysis.sky_plots import mollweide, place
+from lcbayes.analysis.small_report import Listing
 from lcbayes.analysis.style import DATA, FAINT, Gallery, colour
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.geometry.spherical import lon_lat_deg
 from lcbayes.inversion.spin.pole import azimuths
-from lcbayes.inversion.spin.sidereal import Spin
+from lcbayes.inversion.spin.sidereal import Solution, Spin
 
 REFUSED = "no pole and no sidereal period"
 MOST_PASSES, MOST_SOLUTIONS = 6, 6  # passes in the figure; solutions in the text
@@ -21,6 +22,56 @@ LEAST_PART = 0.005  # weight of a part of a region too large that is listed
 
 def words(result: Spin, curve: LightCurve) -> list[str]:
     """The result as text, without the verdict."""
+    lines = _before(result, curve)
+    if result.too_wide:
+        lines.append("no pole is given, but these are the parts of its 90 % region:")
+    for s in _shown(result):
+        weight, lon, lat, radius, period, sd, rate, cycles = _cells(s)
+        lines.append(
+            f"weight {weight}: pole ({lon}, {lat}) deg, uncertain by {radius} deg; sidereal period "
+            f"{period} ± {sd} s ({rate} deg/s), {cycles} cycle{'s' * (s.multiple > 1)} of "
+            "brightness per rotation"
+        )
+    return lines + _after(result, curve)
+
+
+def table(result: Spin) -> Listing:
+    """A row for each solution, or for each part of the pole's region if it is too wide."""
+    heads = ("weight", "pole longitude (deg)", "pole latitude (deg)", "uncertain by (deg)")
+    heads += ("sidereal period (s)", "sd (s)", "rate (deg/s)", "cycles of brightness a rotation")
+    return Listing("solutions", heads, [_cells(s) for s in _shown(result)])
+
+
+def _cells(s: Solution) -> tuple[str, ...]:
+    lon, lat = lon_lat_deg(s.pole)
+    radius = np.degrees(s.radius)
+    period, spread = 1 / s.frequency, s.error / s.frequency**2
+    return (
+        f"{s.weight:.2f}",
+        show(float(lon), radius),
+        show(float(lat), radius),
+        show(radius, radius),
+        show(period, spread),
+        show(spread, spread),
+        show(360.0 * s.frequency, 360.0 * s.error),
+        str(s.multiple),
+    )
+
+
+def remarks(result: Spin, curve: LightCurve) -> list[str]:
+    """What the text says besides the solutions."""
+    wide = ["no pole is given, but the table has the parts of its 90 % region"]
+    return wide * bool(result.too_wide) + _before(result, curve) + _after(result, curve)
+
+
+def _shown(result: Spin) -> list[Solution]:
+    least = LEAST_PART if result.too_wide else 0.0
+    listed = (result.solutions or result.too_wide)[:MOST_SOLUTIONS]
+    return [s for s in listed if s.weight >= least]
+
+
+def _before(result: Spin, curve: LightCurve) -> list[str]:
+    """What the data are, and the period of the brightness."""
     lines: list[str] = []
     if len(result.solutions) > 1:
         lines.append(f"{len(result.solutions)} solutions: the periods do not distinguish them")
@@ -37,24 +88,14 @@ def words(result: Spin, curve: LightCurve) -> list[str]:
             f"period of the longest pass {show(period, spread)} ± {show(spread, spread)} s, whose "
             f"frequency changes by {show(drift, drift_sd)} ± {show(drift_sd, drift_sd)} % along it"
         )
-    wide = result.too_wide
-    if wide:
-        lines.append("no pole is given, but these are the parts of its 90 % region:")
-    listed = result.solutions or wide
-    least = LEAST_PART if wide else 0.0
-    shown = [s for s in listed[:MOST_SOLUTIONS] if s.weight >= least]
-    for s in shown:
-        lon, lat = lon_lat_deg(s.pole)
-        radius = np.degrees(s.radius)
-        period, spread = 1 / s.frequency, s.error / s.frequency**2
-        lines.append(
-            f"weight {s.weight:.2f}: pole ({show(float(lon), radius)}, {show(float(lat), radius)}) "
-            f"deg, uncertain by {show(radius, radius)} deg; sidereal period "
-            f"{show(period, spread)} ± {show(spread, spread)} s "
-            f"({show(360.0 * s.frequency, 360.0 * s.error)} deg/s), "
-            f"{s.multiple} cycle{'s' * (s.multiple > 1)} of brightness per rotation"
-        )
-    rest = listed[len(shown) :]
+    return lines
+
+
+def _after(result: Spin, curve: LightCurve) -> list[str]:
+    """What holds for the solutions, and notes."""
+    lines: list[str] = []
+    listed = result.solutions or result.too_wide
+    rest = listed[len(_shown(result)) :]
     if rest:
         lines.append(f"{len(rest)} more of weight {sum(s.weight for s in rest):.2f} together")
     if listed:

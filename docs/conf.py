@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -89,9 +92,29 @@ def escape(_app: Any, _what: str, _name: str, _obj: Any, _opt: Any, lines: list[
             literal = indent if line.rstrip().endswith("::") else None
 
 
+def options(commands: Iterable[str]) -> str:
+    """What `lcbayes COMMAND --help` prints, a section each."""
+    text = ""
+    for name in commands:
+        said = subprocess.run(
+            [sys.executable, "-m", "lcbayes", name, "--help"],
+            env=os.environ | {"COLUMNS": "96"},
+            cwd=ROOT,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        text += f"\n## {name}\n\n```text\n{said.stdout.rstrip()}\n```\n"
+    return text
+
+
 def read(_app: Any, name: str, source: list[str]) -> None:
     """The links of the pages as they are on the site; the first page's tables are its contents."""
     source[0] = source[0].replace("](../benchmarks/RESULTS.md)", "](benchmarks.md)")
+    if name == "options":
+        from lcbayes.cli.main import COMMANDS
+
+        source[0] += options(COMMANDS)
     if name == "index":
         for section in source[0].split("\n## ")[1:]:
             head, _, rest = section.partition("\n")

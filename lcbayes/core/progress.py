@@ -1,12 +1,16 @@
-"""Progress reports on standard error: a bar on a terminal, otherwise occasional lines."""
+"""Progress: a bar on a terminal or under the cell of a notebook, otherwise occasional lines."""
 
 from __future__ import annotations
 
+import html
 import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Protocol
+from importlib import import_module
+from typing import Any, Protocol
+
+from lcbayes.core.errors import InputError
 
 
 class Track(Protocol):
@@ -20,7 +24,7 @@ class Track(Protocol):
 
 
 class Silent:
-    """No progress at all: the default of the Python interface."""
+    """No progress at all: the default in Python, except in a notebook."""
 
     def say(self, text: str) -> None:
         pass
@@ -89,29 +93,97 @@ def _time(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 7200.0 else f"{seconds / 3600.0:.1f} h"
 
 
+class Notebook(Silent):
+    """A bar under the cell of a notebook while a stage runs."""
+
+    @contextmanager
+    def stage(self, title: str, total: int, unit: str) -> Iterator[Track]:
+        bar = _Cell(title, total, unit)
+        try:
+            yield bar
+        finally:
+            bar.close()
+
+
+def in_notebook() -> bool:
+    """Whether this process is the kernel of a notebook."""
+    shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
+    return "IPKernelApp" in getattr(shell, "config", {})
+
+
+def reporter(progress: Any = None) -> Silent:
+    """What reports the progress of a task.
+
+    Parameters
+    ----------
+    progress : Silent, bool or None
+        True for bars or lines, False for none, None for bars in a notebook and nothing elsewhere.
+
+    Raises
+    ------
+    InputError
+        It is something else.
+
+    Examples
+    --------
+    >>> type(reporter(True)).__name__
+    'Console'
+    """
+    if isinstance(progress, Silent):
+        return progress
+    if progress is None or isinstance(progress, bool):
+        if progress is not False and in_notebook():
+            return Notebook()
+        return Console() if progress else Silent()
+    raise InputError(f"progress is {progress!r}; give True, False or a Console of lcbayes")
+
+
 class _Lines:
+    every_s = 10.0
+
     def __init__(self, title: str, total: int, unit: str) -> None:
         self.title, self.total, self.unit = title, total, unit
         self.done, self.said = 0, time.monotonic()
         self.begun: float | None = None
-        print(f"{title}: {total} {unit}", file=sys.stderr, flush=True)
+        self.show(f"{title}: {total} {unit}")
+
+    def show(self, text: str) -> None:
+        print(text, file=sys.stderr, flush=True)
 
     def advance(self, n: int, note: str = "") -> None:
         now = time.monotonic()
         if self.begun is None:  # the time before is mostly compilation, not counted in the rate
             self.begun, self.first = now, n
         self.done += n
-        if now - self.said < 10 and self.done < self.total:
+        if now - self.said < self.every_s and self.done < self.total:
             return
         self.said = now
         said = f"{self.title}: {self.done}/{self.total} {self.unit}"
         if self.done > self.first and now > self.begun:
             rate = (self.done - self.first) / (now - self.begun)
             said += f", {_rate(rate)}, {_time((self.total - self.done) / rate)} left"
-        print(f"{said}; {note}" if note else said, file=sys.stderr, flush=True)
+        self.show(f"{said}; {note}" if note else said)
 
     def more(self, n: int) -> None:
         self.total += n
+
+
+class _Cell(_Lines):
+    """The same under the cell of a notebook, where it is replaced in place."""
+
+    every_s = 0.3
+
+    def __init__(self, title: str, total: int, unit: str) -> None:
+        self.shown = import_module("IPython.display")
+        self.handle = self.shown.display(self.shown.HTML(""), display_id=True)
+        super().__init__(title, total, unit)
+
+    def show(self, text: str) -> None:
+        bar = f'<progress value="{self.done}" max="{self.total}"></progress>'
+        self.handle.update(self.shown.HTML(f"{bar} {html.escape(text)}"))
+
+    def close(self) -> None:
+        self.handle.update(self.shown.HTML(""))
 
 
 class Parts:

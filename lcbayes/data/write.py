@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from lcbayes.core.errors import InputError
 from lcbayes.core.files import write_text
 from lcbayes.data.formats.ecsv import UNITS
 from lcbayes.data.formats.written import columns_of, meta_of
@@ -43,6 +44,10 @@ def write(curve: LightCurve, path: str | os.PathLike[str]) -> None:
     >>> (lcbayes.read(file).brightness == curve.brightness).all().item()
     True
     """
+    if not isinstance(curve, LightCurve):
+        raise InputError(f"the light curve is of type {type(curve).__name__}; give a LightCurve")
+    if not isinstance(path, str | os.PathLike):
+        raise InputError(f"the path is of type {type(path).__name__}; give the path of a file")
     columns, meta = columns_of(curve), meta_of(curve)
     ecsv = Path(path).suffix.lower() == ".ecsv"
     write_text((_ecsv if ecsv else _csv)(columns, meta), path)

@@ -78,13 +78,22 @@ UNITS = {
     "period_h": "h",
     "extinction": "mag",
 }
-ENDINGS = {"_deg": "deg", "_rad_s": "rad/s", "_h": "h", "_s": "s", "_m2": "m2", "_km": "km"}
+ENDINGS = {
+    "_deg": "deg",
+    "_rad_s": "rad/s",
+    "_km_s": "km/s",
+    "_h": "h",
+    "_s": "s",
+    "_m2": "m2",
+    "_km": "km",
+}
 OFFSETS = ("member_", "site_", "pass_")  # of brightness, mag
 NOISE = ("sigma", "noise")
+BRIGHTNESS = ("brightness", "expected", "error")  # of the light curve
 
 
 def unit(name: str, *, relative: bool, magnitude: bool) -> str:
-    """Unit of a variable of a posterior; "1" if it is a pure number.
+    """Unit of a variable of a posterior or light curve; "1" if it is a pure number.
 
     Parameters
     ----------
@@ -92,6 +101,8 @@ def unit(name: str, *, relative: bool, magnitude: bool) -> str:
     relative : whether all scales of the light curve are unknown, so that areas have no unit
     magnitude : whether the brightness is in magnitudes; the noise of fluxes is relative
     """
+    if name in BRIGHTNESS:
+        return "mag" if magnitude else "1" if relative else "m2"
     if name in ("albedo_area", "area") and relative:
         return "1"
     if name in NOISE:

@@ -190,12 +190,15 @@ def tree(
 
 
 def _add_units(groups: Mapping[str, xr.Dataset], curve: LightCurve) -> None:
-    """Set the attribute ``units`` of every variable of the posterior and of the prior."""
+    """Set the attribute ``units`` of every number; those of the log density and of the sampler are
+    pure."""
     relative, magnitude = bool(np.all(curve.free_scale)), curve.kind == "mag"
     for name, group in groups.items():
-        if name.split("/")[-1] in ("posterior", "prior"):
-            for key, variable in group.data_vars.items():
-                variable.attrs["units"] = unit(str(key), relative=relative, magnitude=magnitude)
+        pure = name.split("/")[-1].startswith(("log_", "sample_stats"))
+        for key, variable in group.data_vars.items():
+            if variable.dtype.kind in "biuf":
+                of = "1" if pure else unit(str(key), relative=relative, magnitude=magnitude)
+                variable.attrs.setdefault("units", of)
 
 
 def _chains(modes: Sequence[Mode]) -> dict[str, tuple[str, Any]]:

@@ -64,6 +64,8 @@ def load(folder: str | Path) -> Result[Any]:
     >>> lcbayes.load(f"{folder}/fit").summary().equals(fit.summary())
     True
     """
+    if not isinstance(folder, str | Path):
+        raise InputError(f"the folder is of type {type(folder).__name__}; give a path")
     folder = Path(folder)
     if not (folder / RECORD).is_file():
         raise InputError(f"{folder} holds no results of lcbayes; give a folder that -o named")

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.options import Option, Options, declared_options
-from lcbayes.core.progress import Silent
+from lcbayes.core.progress import Silent, reporter
 from lcbayes.modelling.options import ModelOptions
 
 if TYPE_CHECKING:
@@ -152,14 +152,16 @@ def execute(
     options: Options,
     out: str | Path | None = None,
     report: bool = True,
-    progress: Silent | None = None,
+    progress: Silent | bool | None = None,
 ) -> Any:
     """Run a task and write its result to ``out``; arguments as for its public function."""
     value = light_curve(source, task) if task.source == CURVE else path_like(source, task)
     # other tasks take the period as known, which may be long
     if task.source == CURVE and (task.has_model_options or hasattr(options, "period_range")):
         _check_period(options, value)
-    context = Context(progress or Silent())
+    context = Context(reporter(progress))
+    if out is not None and not isinstance(out, str | Path):
+        raise InputError(f"out is {out!r}; give a path")
     if task.out == REQUIRED_FOLDER and out is None:
         raise InputError(f"the results of {task.name} need a folder; give out=DIR")
     if out is None or task.out in (FILE, SOURCE):
@@ -292,8 +294,8 @@ _DESCRIBED = {
         "    Whether to write the figures and ``report.html`` there too. Default: True.",
     ),
     "progress": (
-        "progress : lcbayes.core.progress.Console, optional",
-        "    Shows how far the run is.",
+        "progress : bool or lcbayes.core.progress.Console, optional",
+        "    Whether to show how far the run is. Default: only in a notebook.",
     ),
 }
 

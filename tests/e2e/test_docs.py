@@ -5,6 +5,8 @@ from __future__ import annotations
 import functools
 import inspect
 import re
+import runpy
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -214,6 +216,16 @@ def test_tables_of_the_pages_are_scenarios(block, tmp_path):
     file = tmp_path / "scenario.toml"
     file.write_text(text, encoding="utf-8")
     assert load(file)
+
+
+def test_the_options_of_the_commands_are_a_page(monkeypatch):
+    monkeypatch.setattr("sys.path", list(sys.path))
+    text = runpy.run_path(str(ROOT / "docs" / "conf.py"))["options"](["glints", "spin"])
+    sections = dict(re.findall(r"## (\S+)\n\n```text\n(.*?)\n```", text, re.DOTALL))
+    assert list(sections) == ["glints", "spin"]
+    assert "usage: lcbayes glints" in sections["glints"]
+    assert "\n  --alarm P " in sections["glints"]
+    assert max(map(len, text.splitlines())) <= 96
 
 
 def test_links_of_the_pages_lead_somewhere():

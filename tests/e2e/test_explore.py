@@ -227,6 +227,7 @@ def test_a_body_that_tumbles_is_turned_as_the_model_turns_it(opened, folders):
 
     folder = folders["tumbling"] = changed(folders["satellite"], "tumbling", tumbling)
     page = opened("tumbling")
+    assert page.tab.locator("[data-is=fold]").is_disabled()  # there is no period
     results = contents.read(folder)
     draws = results.modes[0].draws.isel(chain=0, draw=0)
     tensor = jnp.asarray(draws["inertia"].to_numpy())

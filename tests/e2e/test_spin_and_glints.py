@@ -54,6 +54,10 @@ def test_a_spin_from_file_to_pole(tmp_path, capsys, look):
     assert {p.name for p in out.iterdir()} == RESULTS
     rows = list(csv.DictReader((out / "tables" / "solutions.csv").read_text().splitlines()))
     assert float(rows[0]["sidereal_period_s"]) == best["period_s"]
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert '<table data-name="solutions">' in page
+    assert "sidereal period (s)</th>" in page
+    assert "lcbayes fit" in page
     look(out / "report.html", turning=1)
 
 
@@ -85,6 +89,8 @@ def test_glints_from_file_to_directions(tmp_path, capsys, look):
     assert abs(np.dot(result["cylinder"]["vector"], axis)) > np.cos(np.radians(0.5))
     assert result["glints"][0]["sharp_and_small"] in (True, False)
     assert figures(out) == {"glints", "directions"}
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert page.split('<table data-name="glints">')[1].count("<tr>") == 1 + len(result["glints"])
     look(out / "report.html", turning=1)
     lcbayes.write(no_flashes(3, 50.0), tmp_path / "none.csv")
     argv = ["glints", str(tmp_path / "none.csv"), "-o", str(tmp_path / "none")]

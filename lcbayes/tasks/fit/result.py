@@ -219,6 +219,16 @@ class Fit(Result[FitContent]):
         """Residuals against time."""
         return style.figures(lambda g: light_curve_plots.draw_residuals(self._contents(), g))
 
+    def plot_folded(self) -> list[Figure]:
+        """All points against rotational phase; none if the period does not fix the phases."""
+        return style.figures(lambda g: light_curve_plots.draw_folded(self._contents(), g))
+
+    def plot_residual_periodogram(self) -> list[Figure]:
+        """Part of the χ² of the residuals explained by a sinusoid, against its period."""
+        return style.figures(
+            lambda g: light_curve_plots.draw_residual_periodogram(self._contents(), g)
+        )
+
     def plot_parameters(self) -> list[Figure]:
         """Pairs of the most important quantities, one figure per solution."""
 

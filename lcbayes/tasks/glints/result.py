@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, TypedDict
 import numpy as np
 
 from lcbayes.analysis import glints_report
+from lcbayes.analysis.small_report import Listing
 from lcbayes.analysis.style import Gallery
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.geometry.spherical import lon_lat_deg
@@ -157,6 +158,10 @@ class GlintsResult(DeterministicResult[Glints, GlintsContent]):
 
     def lines(self) -> list[str]:
         return glints_report.words(self.data, self._curve)
+
+    def listing(self) -> tuple[Listing, list[str]]:
+        table = glints_report.table(self.data, self._curve)
+        return table, glints_report.remarks(self.data, self._curve)
 
     def tables(self) -> dict[str, pd.DataFrame]:
         """Glints in order of time, and the directions."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TypedDict
 import numpy as np
 
 from lcbayes.analysis import spin_report
+from lcbayes.analysis.small_report import Listing
 from lcbayes.analysis.style import Gallery
 from lcbayes.core.constants import HOUR_S
 from lcbayes.data.lightcurve import LightCurve
@@ -123,8 +124,14 @@ class SpinResult(DeterministicResult[Spin, SpinContent]):
         return rows.rename(columns=COLUMNS)
 
     def lines(self) -> list[str]:
-        lines = spin_report.words(self.data, self._curve)
-        return lines + (onward(self) if candidate_periods(self._content) else [])
+        return spin_report.words(self.data, self._curve) + self._onward()
+
+    def listing(self) -> tuple[Listing, list[str]]:
+        remarks = spin_report.remarks(self.data, self._curve)
+        return spin_report.table(self.data), remarks + self._onward()
+
+    def _onward(self) -> list[str]:
+        return onward(self) if candidate_periods(self._content) else []
 
     def tables(self) -> dict[str, pd.DataFrame]:
         """Solutions, and the synodic period along the passes."""

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import io
 import sys
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
-from lcbayes.core.progress import Console, Parts
+from lcbayes.core.errors import InputError
+from lcbayes.core.progress import Console, Notebook, Parts, Silent, reporter
 
 
 class Noted:
@@ -114,3 +117,55 @@ def test_a_bar_on_a_terminal_has_a_rate_and_grows(monkeypatch):
 class Terminal(io.StringIO):
     def isatty(self) -> bool:
         return True
+
+
+class Cell:
+    """What a notebook shows: the module IPython.display, and the texts in the order of showing."""
+
+    def __init__(self) -> None:
+        self.shown: list[str] = []
+
+    def HTML(self, text: str) -> str:
+        return text
+
+    def display(self, text: str, display_id: bool) -> Cell:
+        assert display_id
+        self.shown.append(text)
+        return self
+
+    def update(self, text: str) -> None:
+        self.shown.append(text)
+
+
+@pytest.fixture
+def notebook(monkeypatch):
+    cell = Cell()
+    shell = SimpleNamespace(config={"IPKernelApp": {}})
+    monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: shell))
+    monkeypatch.setitem(sys.modules, "IPython.display", cell)
+    return cell
+
+
+def test_a_notebook_shows_a_bar_and_removes_it(notebook, monkeypatch):
+    now = iter(np.arange(0.0, 100.0, 0.5))
+    monkeypatch.setattr("time.monotonic", lambda: float(next(now)))
+    with reporter().stage("searching <x>", 4, "starts") as track:
+        for _ in range(4):
+            track.advance(1)
+    assert (
+        '<progress value="2" max="4"></progress> searching &lt;x&gt;: 2/4 starts'
+        in notebook.shown[3]
+    )
+    assert 'value="4"' in notebook.shown[-2]
+    assert notebook.shown[-1] == ""
+    assert type(reporter(progress=False)) is Silent
+    assert isinstance(reporter(progress=True), Notebook)
+
+
+def test_elsewhere_there_is_no_bar_unless_it_is_asked_for():
+    assert type(reporter()) is type(reporter(progress=False)) is Silent
+    console = reporter(progress=True)
+    assert isinstance(console, Console)
+    assert reporter(console) is console
+    with pytest.raises(InputError, match="progress is 3; give True, False or a Console"):
+        reporter(3)

@@ -330,6 +330,16 @@ def test_every_variable_has_its_unit(written):
         assert all("units" in v.attrs for v in variables.values())
         for name, unit_of in expected.items():
             assert variables[name].attrs["units"] == unit_of
+    light = {"observed_data": "brightness", "posterior_predictive": "brightness"}
+    light |= {"constant_data": "error", "modes/0/curves": "expected"}
+    for group, name in light.items():
+        assert file[group].to_dataset()[name].attrs["units"] == "m2"
+    for node in file.subtree:
+        numbers = [v for v in node.to_dataset().data_vars.values() if v.dtype.kind in "biuf"]
+        assert all(v.attrs.get("units") for v in numbers), node.path
+    known = {"t": "s", "exposure_s": "s", "sun": "1", "free_scale": "1"}
+    constants = file["constant_data"].to_dataset()
+    assert {name: constants[name].attrs["units"] for name in known} == known
 
 
 def test_curves_without_noise_are_those_of_the_stored_draws(written):
