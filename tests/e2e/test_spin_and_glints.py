@@ -57,7 +57,6 @@ def test_a_spin_from_file_to_pole(tmp_path, capsys, look):
     page = (out / "report.html").read_text(encoding="utf-8")
     assert '<table data-name="solutions">' in page
     assert "sidereal period (s)</th>" in page
-    assert "lcbayes fit" in page
     look(out / "report.html", turning=1)
 
 
