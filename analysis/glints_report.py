@@ -40,8 +40,8 @@ def words(result: Glints, curve: LightCurve) -> list[str]:
 
 def table(result: Glints, curve: LightCurve) -> Listing:
     """A row for each glint."""
-    heads = ("glint", "time", "pass", "width (s)", "height (baselines)", "significance (sigma)")
-    heads += ("bisector, longitude (deg)", "latitude (deg)", "")
+    heads = ("glint", "time", "pass", "width (s)", "height (baselines)", "sigma")
+    heads += ("bisector longitude (deg)", "latitude (deg)", "kind")
     rows = [_cells(result, curve, i) for i in range(len(result.glints))]
     return Listing("glints", heads, rows)
 

@@ -37,8 +37,8 @@ def words(result: Spin, curve: LightCurve) -> list[str]:
 
 def table(result: Spin) -> Listing:
     """A row for each solution, or for each part of the pole's region if it is too wide."""
-    heads = ("weight", "pole longitude (deg)", "pole latitude (deg)", "uncertain by (deg)")
-    heads += ("sidereal period (s)", "sd (s)", "rate (deg/s)", "cycles of brightness a rotation")
+    heads = ("weight", "pole longitude (deg)", "latitude (deg)", "radius (deg)")
+    heads += ("sidereal period (s)", "sd (s)", "rate (deg/s)", "cycles a rotation")
     return Listing("solutions", heads, [_cells(s) for s in _shown(result)])
 
 
