@@ -4,8 +4,8 @@
 
 FILE holds the outcomes of `accelerator.py measure`; PROGRAM is that of `period_scan.py`. All
 periods from 2 to 1000 h would take the program hours an object. It tries those about the best of
-lcbayes by evidence, and about the true one. A period that is unique by all would be unique by these
-too, so that the share called unique is an upper bound.
+lcbayes by evidence, and about the true one. A right period that is unique among all would be unique
+among these too, so that the number called unique and right is an upper bound.
 """
 
 from __future__ import annotations
@@ -101,8 +101,8 @@ def write(outcomes: list[dict], done: list[dict]) -> None:
         f"the evidence of lcbayes and the true one, each with {2 * TURNS:g} turns over the data "
         f"(at most {most} periods an object), with the settings of the inputs, and a period is "
         "called unique if its χ² is 5 or 10 % below that of every other at least one turn away. "
-        "Among all periods from 2 to 1000 h there are more rivals, so that its shares called "
-        "unique are upper bounds; the true period is always tried. At a singular matrix the "
+        "The true period is always tried, and among all periods from 2 to 1000 h it has more "
+        "rivals, so that no more could be called unique and be right. At a singular matrix the "
         f"program stops, and the later periods of that window are missing: in {of - len(whole)} "
         f"objects more than {100 * (1 - COMPLETE):.0f} % of all. Its best period is right in "
         f"{sum(r['right'] for r in done)} of {of}, that of lcbayes in "
