@@ -5,13 +5,12 @@ from __future__ import annotations
 import csv
 import io
 import os
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from lcbayes.core.errors import InputError
-from lcbayes.core.files import write_text
+from lcbayes.core.files import as_path, write_text
 from lcbayes.data.formats.ecsv import UNITS
 from lcbayes.data.formats.written import columns_of, meta_of
 from lcbayes.data.lightcurve import LightCurve
@@ -44,12 +43,10 @@ def write(curve: LightCurve, path: str | os.PathLike[str]) -> None:
     >>> (lcbayes.read(file).brightness == curve.brightness).all().item()
     True
     """
-    if not isinstance(curve, LightCurve):
+    if not isinstance(curve, LightCurve):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise InputError(f"the light curve is of type {type(curve).__name__}; give a LightCurve")
-    if not isinstance(path, str | os.PathLike):
-        raise InputError(f"the path is of type {type(path).__name__}; give the path of a file")
     columns, meta = columns_of(curve), meta_of(curve)
-    ecsv = Path(path).suffix.lower() == ".ecsv"
+    ecsv = as_path(path, "the path").suffix.lower() == ".ecsv"
     write_text((_ecsv if ecsv else _csv)(columns, meta), path)
 
 

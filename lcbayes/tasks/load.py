@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lcbayes.core.errors import InputError
+from lcbayes.core.files import as_path
 from lcbayes.core.reasons import Reason
 from lcbayes.results.load import read_summary
 from lcbayes.results.reasons import stored
@@ -64,9 +65,7 @@ def load(folder: str | Path) -> Result[Any]:
     >>> lcbayes.load(f"{folder}/fit").summary().equals(fit.summary())
     True
     """
-    if not isinstance(folder, str | Path):
-        raise InputError(f"the folder is of type {type(folder).__name__}; give a path")
-    folder = Path(folder)
+    folder = as_path(folder, "the folder")
     if not (folder / RECORD).is_file():
         raise InputError(f"{folder} holds no results of lcbayes; give a folder that -o named")
     record = read_record(folder / RECORD)

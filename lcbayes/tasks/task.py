@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from lcbayes.core.errors import InputError
+from lcbayes.core.files import as_path
 from lcbayes.core.options import Option, Options, declared_options
 from lcbayes.core.progress import Silent, reporter
 from lcbayes.modelling.options import ModelOptions
@@ -160,8 +161,7 @@ def execute(
     if task.source == CURVE and (task.has_model_options or hasattr(options, "period_range")):
         _check_period(options, value)
     context = Context(reporter(progress))
-    if out is not None and not isinstance(out, str | Path):
-        raise InputError(f"out is {out!r}; give a path")
+    out = None if out is None else as_path(out, "out")
     if task.out == REQUIRED_FOLDER and out is None:
         raise InputError(f"the results of {task.name} need a folder; give out=DIR")
     if out is None or task.out in (FILE, SOURCE):

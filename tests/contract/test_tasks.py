@@ -281,7 +281,7 @@ def test_every_input_file_is_recorded_with_its_hash(tmp_path):
         ("shape-match", {"shape": "pyramid"}, "unknown shape 'pyramid'; available: cube"),
         ("observability", {"scenario": 3}, "the scenario is of type int; give a path or a name"),
         ("observability", {"plan": "many"}, "--plan is 'many'; expected a whole number >= 1"),
-        ("spin", {"out": 3}, "out is 3; give a path"),
+        ("spin", {"out": 3}, "out is of type int; give a path"),
         ("spin", {"progress": 3}, "progress is 3; give True, False or a Console"),
         ("simulate", {"scenario": "nowhere"}, "no file and no scenario is called 'nowhere'"),
     ],
@@ -295,12 +295,13 @@ def test_a_fault_in_python_is_one_line(name, given, message, noise):
 
 
 def test_a_file_or_folder_of_the_wrong_type_is_one_line(noise):
+    wrong: Any = 5
     with pytest.raises(InputError, match="the folder is of type int; give a path"):
-        lcbayes.load(5)
-    with pytest.raises(InputError, match="the path is of type int; give the path of a file"):
-        lcbayes.write(lcbayes.read(noise), 3)
-    with pytest.raises(InputError, match="the light curve is of type str; give a LightCurve"):
-        lcbayes.write("one.csv", "two.csv")
+        lcbayes.load(wrong)
+    with pytest.raises(InputError, match="the path is of type int; give a path"):
+        lcbayes.write(lcbayes.read(noise), wrong)
+    with pytest.raises(InputError, match="the light curve is of type int; give a LightCurve"):
+        lcbayes.write(wrong, "two.csv")
 
 
 @pytest.mark.parametrize(
