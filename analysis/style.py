@@ -105,12 +105,9 @@ class Gallery:
 
     def figure(self, width: float, height: float) -> Any:
         """A new figure of this size in inches, drawn without a display."""
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
+        from lcbayes.core.figures import new_figure
 
-        figure = Figure(figsize=(width, height), layout="constrained")
-        FigureCanvasAgg(figure)
-        return figure
+        return new_figure(width, height)
 
     def add(self, figure: Any, name: str, alt: str, caption: str = "") -> Image:
         """Save the figure as ``name``.svg and .pdf, and return it as an image for the page."""
@@ -153,10 +150,12 @@ class Sketchbook(Gallery):
 
 def figures(draw: Callable[[Gallery], object]) -> list[Any]:
     """The Matplotlib figures that a function draws for a gallery."""
+    from lcbayes.core.figures import Pictures
+
     book = Sketchbook()
     with drawing():
         draw(book)
-    return book.figures
+    return Pictures(book.figures)
 
 
 def picture(

@@ -15,12 +15,9 @@ if TYPE_CHECKING:
 def plot(curve: LightCurve, ax: Any = None) -> Any:
     """Brightness against time since the first point; see `LightCurve.plot`."""
     if ax is None:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
+        from lcbayes.core.figures import new_figure
 
-        figure = Figure(figsize=(8.0, 3.6), layout="constrained")
-        FigureCanvasAgg(figure)
-        ax = figure.subplots()
+        ax = new_figure(8.0, 3.6).subplots()
     span = float(np.ptp(curve.t))
     scales = (("d", DAY_S), ("h", HOUR_S), ("min", MINUTE_S))
     unit, size = next(((name, one) for name, one in scales if span >= 2.5 * one), ("s", 1.0))

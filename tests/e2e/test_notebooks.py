@@ -11,6 +11,7 @@ import matplotlib as mpl
 import pytest
 
 FOLDER = Path(__file__).resolve().parents[2] / "docs" / "notebooks"
+SHOWN = {"first-fit": 2, "period": 2}  # pictures
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 
 
@@ -40,6 +41,7 @@ def test_a_notebook_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.chdir(tmp_path)
     mpl.use("agg")
     names: dict[str, Any] = {}
+    pictures = 0
     for cell in cells(path):
         if cell["cell_type"] != "code":
             continue
@@ -48,5 +50,13 @@ def test_a_notebook_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyP
         exec(compile(ast.Module(body, []), path.stem, "exec"), names)
         if isinstance(last, ast.Expr):
             shown = eval(compile(ast.Expression(last.value), path.stem, "eval"), names)
-            html = getattr(shown, "_repr_html_", None)
-            assert html() if html is not None else repr(shown)
+            picture, html = is_picture(shown), getattr(shown, "_repr_html_", None)
+            assert picture or (html() if html is not None else repr(shown))
+            pictures += picture
+    assert pictures >= SHOWN.get(path.stem, 0)
+
+
+def is_picture(shown: Any) -> bool:
+    if isinstance(shown, list) and shown:
+        return shown._repr_html_().count('<img src="data:image/png;base64,') == len(shown)
+    return hasattr(shown, "_repr_png_") and shown._repr_png_()[0].startswith(b"\x89PNG")
