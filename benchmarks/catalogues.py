@@ -18,6 +18,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,7 @@ from surveys import SEED, UNIQUE, cadences, curve, load
 import lcbayes
 from lcbayes.analysis import survey_page
 from lcbayes.core import cluster
+from lcbayes.core.constants import DAY_S
 from lcbayes.core.progress import Console
 from lcbayes.inversion.attitude_scan import sparse
 from lcbayes.inversion.attitude_scan import survey as method
@@ -39,6 +41,7 @@ from lcbayes.results import survey_table
 from lcbayes.results.reasons import reasons
 from lcbayes.tasks.survey.result import Survey
 
+TEN_YEARS_S = 3652.0 * DAY_S
 SMALL = 12  # points of an object of which only the reading is measured
 GROUP = 1000  # objects that are written at once
 
@@ -169,12 +172,14 @@ def cost() -> None:
         (longest, 8.0, 1000.0),
         (longest, 2.0, 30.0),
         (longest, 2.0, 10_000.0),
+        (replace(longest, t=longest.t * TEN_YEARS_S / np.ptp(longest.t)), 2.0, 1000.0),
     ):
         rows.append(_cost(light, (low, high)))
-    heads = ["points", "periods (h)", "frequencies", "CPU (s)", "periodogram alone (s)"]
+    heads = ["points", "days", "periods (h)", "frequencies", "CPU (s)", "periodogram alone (s)"]
     text = (
         "Processor time of one process, without compilation. More points are the same epochs "
-        f"again, half an hour later. Load at the end: {load()}.\n\n"
+        "again, half an hour later; ten years are the same epochs further apart. "
+        f"Load at the end: {load()}.\n\n"
     )
     text += table(heads, rows)
     write_section("Surveys: cost of an object", "python benchmarks/catalogues.py cost", text)
@@ -218,7 +223,7 @@ def _cost(light: Any, range_h: tuple[float, float]) -> list[str]:
     took = time.process_time() - begun
     sparse.periodogram = original
     cells = [f"{low:g} to {high:g}", str(len(result.frequencies)), f"{took:.1f}"]
-    return [str(light.n_obs), *cells, f"{parts[-1]:.1f}"]
+    return [str(light.n_obs), f"{np.ptp(light.t) / DAY_S:.0f}", *cells, f"{parts[-1]:.1f}"]
 
 
 def fixed_rows(light: Any, _: Any) -> Any:

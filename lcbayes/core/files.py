@@ -45,19 +45,6 @@ def printable(path: str | os.PathLike[str]) -> str:
     return str(path).encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
 
 
-def as_path(given: object, what: str) -> Path:
-    """A path given in Python.
-
-    Raises
-    ------
-    InputError
-        It is of another type.
-    """
-    if not isinstance(given, str | os.PathLike):
-        raise InputError(f"{what} is of type {type(given).__name__}; give a path")
-    return Path(given)
-
-
 def read_bytes(path: str | os.PathLike[str], most: int = MAX_BYTES) -> bytes:
     """The bytes of a text file; reading stops if it proves too large or binary.
 

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from lcbayes.core.errors import InputError
-from lcbayes.core.files import as_path, write_text
+from lcbayes.core.files import write_text
+from lcbayes.core.paths import as_path
 from lcbayes.data.formats.ecsv import UNITS
 from lcbayes.data.formats.written import columns_of, meta_of
 from lcbayes.data.lightcurve import LightCurve

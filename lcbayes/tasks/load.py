@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lcbayes.core.errors import InputError
-from lcbayes.core.files import as_path
+from lcbayes.core.paths import as_path
 from lcbayes.core.reasons import Reason
 from lcbayes.results.load import read_summary
 from lcbayes.results.reasons import stored

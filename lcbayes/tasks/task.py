@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from lcbayes.core.errors import InputError
-from lcbayes.core.files import as_path
 from lcbayes.core.options import Option, Options, declared_options
+from lcbayes.core.paths import as_path
 from lcbayes.core.progress import Silent, reporter
 from lcbayes.modelling.options import ModelOptions
 
