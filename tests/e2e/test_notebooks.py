@@ -10,6 +10,8 @@ from typing import Any
 import matplotlib as mpl
 import pytest
 
+from lcbayes.core.figures import Picture, Pictures
+
 FOLDER = Path(__file__).resolve().parents[2] / "docs" / "notebooks"
 SHOWN = {"first-fit": 2, "period": 2}  # pictures
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
@@ -57,6 +59,6 @@ def test_a_notebook_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 
 def is_picture(shown: Any) -> bool:
-    if isinstance(shown, list) and shown:
-        return shown._repr_html_().count('<img src="data:image/png;base64,') == len(shown)
-    return hasattr(shown, "_repr_png_") and shown._repr_png_()[0].startswith(b"\x89PNG")
+    if isinstance(shown, Pictures):
+        return shown._repr_html_().count('<img src="data:image/png;base64,') == len(shown) > 0
+    return isinstance(shown, Picture) and shown._repr_png_()[0].startswith(b"\x89PNG")
