@@ -16,7 +16,6 @@ import os
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -24,24 +23,17 @@ from typing import Any
 
 import numpy as np
 from _results import table, write_section
-from _surveys import KINDS, Simulated, draw
+from _surveys import Simulated
 from smc import problem_of
-from surveys import RIVALS, SEED, UNIQUE, cadences, curve
-from tumbling import ASKED, drawn
+from surveys import RIVALS, UNIQUE, curve, objects
+from tumbling import Drawn
 
 from lcbayes.core.constants import HOUR_S
-from lcbayes.core.jax_setup import jax, jnp
-from lcbayes.core.progress import Silent
-from lcbayes.inference import search
-from lcbayes.inference.annealed_search import WHOLE, annealed
-from lcbayes.inference.facet_climb import climbed
-from lcbayes.inference.problem_cache import build_problem
+from lcbayes.core.jax_setup import jax
+from lcbayes.inference.annealed_search import WHOLE
 from lcbayes.inference.tumbling_search import STARTS
 from lcbayes.inversion.attitude_scan import evidence, sparse
 from lcbayes.inversion.attitude_scan.harmonics import SparsePoints
-from lcbayes.modelling import registry
-from lcbayes.modelling.epochs import Epochs
-from lcbayes.modelling.problem import Problem
 from lcbayes.samplers import smc
 
 TUMBLERS = (27, 30)  # seeds; the first time includes compilation
@@ -53,13 +45,6 @@ Row = dict[str, Any]
 def timed(function: Callable[[], Any]) -> tuple[Any, float]:
     begun = time.monotonic()
     return function(), time.monotonic() - begun
-
-
-def objects(number: int) -> list[Simulated]:
-    every = cadences()
-    return [
-        draw(every[i % len(every)], KINDS[i % len(KINDS)], i) for i in range(SEED, SEED + number)
-    ]
 
 
 def searched(case: Simulated) -> Row:
@@ -92,25 +77,12 @@ def survey(number: int, threads: int) -> Iterator[Row]:
         print(f"{n} threads: {3600 * len(some) / seconds:.0f} objects an hour", flush=True)
 
 
-def ended(problem: Problem, data: Epochs, law: Any, seed: int) -> search.SearchState:
-    given = STARTS, jax.random.key(2 * seed), 2, Silent()
-    ends = annealed(problem, data, law, WHOLE, *given)
-    return climbed(problem, data, law, ends, 2, Silent())
-
-
 def tumblers() -> Iterator[Row]:
     """One search for each body, against the optimum reached from the truth."""
-    entry = registry.find("faceted")
-    options = {o.name: o.default for o in entry.options.values()} | ASKED | dict(entry.pooled)
     for seed in TUMBLERS:
-        light, truth = drawn(seed)
-        data = Epochs.of(light)
-        problem, _ = build_problem(entry, options, data)
-        z = np.asarray(problem.ravel({k: jnp.asarray(truth[k]) for k in problem.names}))
-        best = float(search.polish(problem, data, z[None], 2).potential[0])
-        every = replace(data, information=data.information * jnp.ones(data.t.size))
-        ends, seconds = timed(partial(ended, problem, every, options["reflectance"], seed))
-        above = float(ends.potential[0]) - best
+        body = Drawn.of(seed)
+        ends, seconds = timed(partial(body.searched, WHOLE, 2 * seed))
+        above = float(ends.potential[0]) - body.best
         yield {"part": "tumbler", "seed": seed, "seconds": seconds, "above": above}
 
 

@@ -19,9 +19,8 @@ from pathlib import Path
 import numpy as np
 from _results import table, write_section
 from _surveys import Cadence, Simulated, folder
-from accelerator import objects
 from period_scan import run, settings
-from surveys import RULES, UNIQUE
+from surveys import RULES, UNIQUE, objects
 
 from lcbayes.core.constants import DAY_S
 from lcbayes.inversion.attitude_scan import sparse

@@ -151,13 +151,17 @@ def keep(path: Path, row: dict[str, Any]) -> None:
         file.write(json.dumps(row) + "\n")
 
 
+def objects(number: int) -> list[Simulated]:
+    """Simulated objects: all kinds of bodies at all cadences in turn."""
+    every, seeds = cadences(), range(SEED, SEED + number)
+    return [draw(every[i % len(every)], KINDS[i % len(KINDS)], i) for i in seeds]
+
+
 def simulate(number: int) -> Rows:
-    """Outcomes of simulated objects: all kinds of bodies at all cadences in turn."""
-    every = cadences()
+    """Outcomes of simulated objects."""
     path, rows = stored("calibration")
-    for i in range(SEED + len(rows), SEED + number):
-        cadence, kind = every[i % len(every)], KINDS[i % len(KINDS)]
-        rows.append(outcome(draw(cadence, kind, i)))
+    for case in objects(number)[len(rows) :]:
+        rows.append(outcome(case))
         keep(path, rows[-1])
     return rows[:number]
 

@@ -17,7 +17,8 @@ import argparse
 import sys
 import tempfile
 import time
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +32,7 @@ from lcbayes.core.progress import Console, Silent
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.geometry.spherical import unit_vector
 from lcbayes.inference import goodness_of_fit, search
-from lcbayes.inference.annealed_search import GROWING, WHOLE, annealed
+from lcbayes.inference.annealed_search import GROWING, WHOLE, Stage, annealed
 from lcbayes.inference.facet_climb import climbed
 from lcbayes.inference.goodness_of_fit import MIN_FIT
 from lcbayes.inference.problem_cache import build_problem
@@ -39,7 +40,8 @@ from lcbayes.inference.solutions import completed
 from lcbayes.inference.tumbling_search import STARTS
 from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
-from lcbayes.modelling.problem import compiled
+from lcbayes.modelling.problem import Problem, compiled
+from lcbayes.physics.brightness import DiffuseLaw
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from tests.helpers import low_earth_orbit
@@ -144,31 +146,62 @@ def compared(folder: Path, truth: dict[str, np.ndarray]) -> dict[str, tuple[floa
     return result
 
 
-def searched(seeds: range) -> None:
-    """The best end point of a search of each kind against the optimum reached from the truth."""
-    entry, rows = registry.find("faceted"), []
-    options = {o.name: o.default for o in entry.options.values()} | ASKED | dict(entry.pooled)
-    law = options["reflectance"]
-    for seed in seeds:
+@dataclass(frozen=True)
+class Drawn:
+    """A body of `drawn` as the search sees it, without clock offsets and a drift of the rate.
+
+    ``best`` is the potential of the optimum reached from the truth.
+    """
+
+    problem: Problem
+    data: Epochs
+    law: DiffuseLaw
+    turns: float
+    best: float
+
+    @classmethod
+    def of(cls, seed: int) -> Drawn:
         curve, truth = drawn(seed)
-        data = Epochs.of(curve)
+        data, entry = Epochs.of(curve), registry.find("faceted")
+        options = {o.name: o.default for o in entry.options.values()} | ASKED | dict(entry.pooled)
         problem, _ = build_problem(entry, options, data)
-        plain, _ = build_problem(entry, entry.check(ASKED), data)
         z = np.asarray(problem.ravel({k: jnp.asarray(truth[k]) for k in problem.names}))
         best = float(search.polish(problem, data, z[None], WORKERS).potential[0])
         turns = np.linalg.norm(truth["omega"]) * np.ptp(curve.t) / (2.0 * np.pi)
-        rows.append([f"{seed}", f"{turns:.1f}"])
-        pointwise = replace(data, information=data.information * jnp.ones(data.t.size))
+        return cls(problem, data, options["reflectance"], float(turns), best)
+
+    def searched(self, stages: Sequence[Stage], key: int) -> search.SearchState:
+        """The end points of one search, best first."""
+        every = self.data.information * jnp.ones(self.data.t.size)  # one value for each point
+        data = replace(self.data, information=every)
+        given = STARTS, jax.random.key(key), WORKERS, Silent()
+        ends = annealed(self.problem, data, self.law, stages, *given)
+        return climbed(self.problem, data, self.law, ends, WORKERS, Silent())
+
+    def p_value(self, z: np.ndarray) -> float:
+        """Of χ² after the optimum (1, D) is completed by clock offsets and drift."""
+        entry = registry.find("faceted")
+        plain, _ = build_problem(entry, entry.check(ASKED), self.data)
+        whole = completed(self.problem, plain, self.data, z)
+        fit = goodness_of_fit.measure(
+            plain, self.data, search.polish(plain, self.data, whole, WORKERS).z
+        )
+        return float(chi2.sf(fit.chi2, fit.dof))
+
+
+def searches(seeds: range) -> None:
+    """The best end point of a search of each kind against the optimum reached from the truth."""
+    rows = []
+    for seed in seeds:
+        body = Drawn.of(seed)
+        rows.append([f"{seed}", f"{body.turns:.1f}"])
         for stages, key in ((WHOLE, 2 * seed), (GROWING, 2 * seed + 1)):
             begun = time.monotonic()
-            given = STARTS, jax.random.key(key), WORKERS, Silent()
-            ends = annealed(problem, pointwise, law, stages, *given)
-            ends = climbed(problem, pointwise, law, ends, WORKERS, Silent())
+            ends = body.searched(stages, key)
             seconds = time.monotonic() - begun
-            above = float(ends.potential[0]) - best
-            whole = search.polish(plain, data, completed(problem, plain, data, ends.z[:1]), WORKERS)
-            fit = goodness_of_fit.measure(plain, data, whole.z)
-            rows[-1] += [f"{above:.1f}", f"{chi2.sf(fit.chi2, fit.dof):.2g}", f"{seconds:.0f}"]
+            above = float(ends.potential[0]) - body.best
+            p = body.p_value(ends.z[:1])
+            rows[-1] += [f"{above:.1f}", f"{p:.2g}", f"{seconds:.0f}"]
         print(*rows[-1], flush=True)
     write_searches(rows, seeds, jax.devices()[0].device_kind)
 
@@ -264,7 +297,7 @@ def main() -> None:
     options = parser.parse_args()
     seeds = range(options.first, options.first + options.cases)
     if options.search:
-        searched(seeds)
+        searches(seeds)
         return
     if options.o is not None:
         measure(seeds, options.o)

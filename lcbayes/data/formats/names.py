@@ -65,8 +65,8 @@ ERRORS = (
 _ERROR_LIKE = re.compile(
     r"err(or)?s?(_|$)"
     r"|(^|_)(uncertainty|uncert|unc|sigma|sig|sd|se|sem|std|stdev|stddev|rms|noise|precision)(_|$)"
-    r"|^(e|d|s|sig|sigma)_?(mag|magnitude|flux|[ubvrigzycw])$|plus_minus"
-)
+    r"|^(e|d|s)_?(mag|magnitude|flux)$|^(e|d|sig)_?[ubvrigcw]$|^e_[zy]$|plus_minus"
+)  # but not ey and ez, which may be directions
 MOST_NAMED = 8  # columns that are not read
 _PLUS_MINUS = re.compile(r"±|\+/?-")
 _MAPPED = re.compile(r'\s*(\w+)\s*=\s*(?:"([^"]*)"|([^,"]+))\s*')

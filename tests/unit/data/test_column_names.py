@@ -68,6 +68,12 @@ def test_a_column_that_looks_like_an_error_is_never_left_out_in_silence(tmp_path
     )
 
 
+def test_directions_are_not_taken_for_errors(tmp_path):
+    rows = [[*row, "0.1", "0.2", "0.3"] for row in TWO]
+    curve = lcbayes.read(written(tmp_path, "utc,mag,spare,ex,ey,ez", rows))
+    assert "not read: 'spare', 'ex', 'ey', 'ez'" in curve.source["notes"]
+
+
 def test_without_errors_the_columns_that_are_not_read_are_named(tmp_path):
     curve = lcbayes.read(written(tmp_path, "utc,mag,wobble", TWO))
     assert "not read: 'wobble'; if one is the error" in curve.source["notes"]
