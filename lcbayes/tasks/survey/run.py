@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from array import array
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
@@ -71,7 +71,8 @@ def survey(catalogue: str | Path, options: SurveyOptions, context: Context) -> S
     """
     assert context.folder is not None
     source = opened(catalogue, options.object)
-    _check_first(source, options)
+    for note in _notes_of_first(source, options):
+        context.progress.say(f"note: {note}")
     if isinstance(source, Folder) and (others := source.left_out):
         context.progress.say(f"{len(others)} other files are left out, such as {others[0].name}")
     context.progress.say("counting the objects")
@@ -105,8 +106,10 @@ def survey(catalogue: str | Path, options: SurveyOptions, context: Context) -> S
     return result()
 
 
-def _check_first(source: Catalogue, options: SurveyOptions) -> None:
-    """Refuse a table of which none of the first objects can be read.
+def _notes_of_first(source: Catalogue, options: SurveyOptions) -> Sequence[str]:
+    """How the first object of a table was read, which says what its columns were taken for.
+
+    A table of which none of the first objects can be read is refused.
 
     Raises
     ------
@@ -114,16 +117,17 @@ def _check_first(source: Catalogue, options: SurveyOptions) -> None:
         The reason is that of the first.
     """
     if isinstance(source, Folder):
-        return
+        return ()
     faults: list[InputError] = []
     for entry in islice(source.objects(), TRIED):
         try:
-            worker.light_curve(entry, options)
-            return
+            notes = worker.light_curve(entry, options).source.get("notes", "")
+            return list(filter(None, notes.split("; ")))
         except InputError as fault:
             faults.append(fault)
     if faults:
         raise faults[0]
+    return ()
 
 
 @dataclass

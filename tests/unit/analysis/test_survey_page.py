@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -74,3 +75,12 @@ def test_without_a_result_there_is_no_figure(tmp_path):
     made(2, failing=(0, 1)).write_page(tmp_path)
     assert "<img" not in (tmp_path / "report.html").read_text()
     assert not (tmp_path / "figures").exists()
+
+
+def test_the_page_says_what_the_benchmark_found():
+    """The share of sure periods that are right, as measured last."""
+    root = Path(survey_page.__file__).resolve().parents[1]
+    results = (root / "benchmarks" / "RESULTS.md").read_text(encoding="utf-8")
+    (right,) = re.findall(r"\| P ≥ 0\.99 \| \d+ of \d+ \| (\d+ of \d+) \|", results)
+    page = (root / "analysis" / "templates" / "survey.html.j2").read_text(encoding="utf-8")
+    assert f"{right} were right" in page

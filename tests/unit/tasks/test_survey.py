@@ -227,6 +227,15 @@ def test_a_table_that_lacks_columns_is_refused(
     assert not out.exists()
 
 
+@pytest.mark.parametrize("write", [write_csv, write_flat, write_nested])
+def test_what_the_columns_were_taken_for_is_said_once(write, searched, objects, tmp_path, capsys):
+    given = {k: columns | {"dflux": 0.1 * columns["flux"]} for k, columns in objects.items()}
+    path, out = str(write(given, tmp_path / "a")), str(tmp_path / "out")
+    assert main(["survey", path, "-o", out, "--no-report"]) == EXIT_NOT_TRUSTED
+    assert len(searched) == len(objects)
+    assert capsys.readouterr().err.count("note: column 'dflux' was taken for flux_err") == 1
+
+
 def test_magnitudes_under_flux_are_refused(searched, objects, tmp_path, capsys):
     bright = {
         k: columns | {"flux": 18.0 - 2.5 * np.log10(columns["flux"])}
