@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from lcbayes.analysis import light_curve_plots, shape_plots
 from lcbayes.analysis.contents import Mode, Results
 from lcbayes.analysis.explore_curve import MOST_POINTS, packed
-from lcbayes.analysis.known_body import KnownShape
+from lcbayes.analysis.known_body import known_draws, unknown_lengths
 from lcbayes.analysis.quantities import facet_normals
 from lcbayes.analysis.style import colour
 from lcbayes.core.constants import HOUR_S
@@ -86,7 +86,8 @@ def _mode(
 ) -> dict[str, Any]:
     shape = next((s for s in shapes if s.mode is mode), None)
     solid = shape is not None and shape.body is not None
-    most = min(SOLID_DRAWS if solid else DRAWS, max(2, MOST_NUMBERS // max(order.size, 1)))
+    many = SOLID_DRAWS if solid or unknown_lengths(results) else DRAWS
+    most = min(many, max(2, MOST_NUMBERS // max(order.size, 1)))
     if "inertia" in mode.draws:
         most = min(most, max(4, MOST_DIRECTIONS // max(order.size, 1)))
     rows, curves = _curves(results, mode, most)
@@ -103,7 +104,7 @@ def _mode(
     if shape is not None:
         content |= {"axis": shape.scene["axis"], "solid": solid}
         if shape.known is not None:
-            content["bodies"] = _known(mode, shape.known)
+            content["bodies"] = _known(results, mode, rows)
         else:
             content["bodies"] = _bodies(results, mode, rows, solid)
     return content
@@ -260,15 +261,17 @@ def _bodies(results: Results, mode: Mode, rows: NDArray[np.int64], solid: bool) 
     return content
 
 
-def _known(mode: Mode, known: KnownShape) -> dict[str, Any]:
-    """The tiles of a known body, the same for each draw, and the faces that shade them."""
+def _known(results: Results, mode: Mode, rows: NDArray[np.int64]) -> dict[str, Any]:
+    """The tiles of a known body and the faces that shade them, of each draw if the lengths of the
+    body are unknown, and otherwise once."""
     areas = _stacked(mode, "albedo_area")
     spread = areas.std(axis=0) / np.maximum(areas.mean(axis=0), 1e-300)
+    shapes = known_draws(results, mode, rows)
     return {
         "uncertainty": np.round(spread, 4).tolist(),
-        "names": known.names,
-        "solids": [_polygons(known.tiles, known.material)],
-        "blocking": _polygons(known.blocking, [0] * len(known.blocking)),
+        "names": shapes[0].names,
+        "solids": [_polygons(s.tiles, s.material) for s in shapes],
+        "blocking": [_polygons(s.blocking, [0] * len(s.blocking)) for s in shapes],
     }
 
 

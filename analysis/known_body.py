@@ -34,12 +34,20 @@ class KnownShape:
     names : of the materials
     blocking : of (n, 3)
         Whole faces that shade the tiles; empty if the fit has no shadows or no part shades another.
+    size : m
+        Radius of the unit sphere.
     """
 
     tiles: list[Floats]
     material: list[int]
     names: list[str]
     blocking: list[Floats]
+    size: float
+
+    def scaled(self, by: float) -> KnownShape:
+        """The same body within a sphere of radius ``by``."""
+        tiles, blocking = ([by * p for p in each] for each in (self.tiles, self.blocking))
+        return KnownShape(tiles, self.material, self.names, blocking, self.size / by)
 
 
 def known_shape(results: Results, mode: Mode) -> KnownShape | None:
@@ -50,17 +58,47 @@ def known_shape(results: Results, mode: Mode) -> KnownShape | None:
     KnownShape or None
         None if the fit is of another model.
     """
-    options = results.summary.get("model_options") or {}
-    text = options.get("body")
+    names = unknown_lengths(results)
+    if names is None or not all(name in mode.draws for name in names.values()):
+        return None
+    return _with_lengths(results, {k: float(mode.draws[name].mean()) for k, name in names.items()})
+
+
+def known_draws(results: Results, mode: Mode, rows: NDArray[np.int64]) -> list[KnownShape]:
+    """The body of each draw, on one scale; a single one if all its lengths are known.
+
+    Parameters
+    ----------
+    rows : (n,)
+        Draws of all chains, one after the other.
+    """
+    names = unknown_lengths(results) or {}
+    lengths = {
+        key: mode.draws[name].transpose("chain", "draw").to_numpy().ravel()[rows]
+        for key, name in names.items()
+    }
+    each = [
+        _with_lengths(results, {key: float(values[i]) for key, values in lengths.items()})
+        for i in range(len(rows) if lengths else 1)
+    ]
+    largest = max(shape.size for shape in each)
+    return [shape.scaled(shape.size / largest) for shape in each]
+
+
+def unknown_lengths(results: Results) -> dict[tuple[int, str], str] | None:
+    """The variable of each length of the body that was fitted; None for another model."""
+    text = (results.summary.get("model_options") or {}).get("body")
     if results.attrs.get("model") != "body" or not isinstance(text, str) or "\n" not in text:
         return None
     file = read_body_text(text)
-    names = {key: f"{file.body.names[key[0]]}_{key[1]}" for key in file.sizes}
-    if not all(name in mode.draws for name in names.values()):
-        return None
-    sizes = {key: float(mode.draws[name].mean()) for key, name in names.items()}
-    shaded = bool(options.get("shadows", True)) and file.body.assembly.shaded
-    return shape_of(with_shadows(text, sizes, TOLERANCE), shaded)
+    return {key: f"{file.body.names[key[0]]}_{key[1]}" for key in file.sizes}
+
+
+def _with_lengths(results: Results, lengths: dict[tuple[int, str], float]) -> KnownShape:
+    options = results.summary["model_options"]
+    asked = bool(options.get("shadows", True))
+    shaded = asked and read_body_text(options["body"]).body.assembly.shaded
+    return shape_of(with_shadows(options["body"], lengths, TOLERANCE), shaded)
 
 
 def shape_of(body: KnownBody, shaded: bool) -> KnownShape:
@@ -80,7 +118,7 @@ def shape_of(body: KnownBody, shaded: bool) -> KnownShape:
         material += [names.index(label)] * len(parts)
     lone = len(body.assembly.parts) == 1 and body.assembly.parts[0].panels.convex
     blocking = scaled if shaded and not lone and len(scaled) <= MOST_BLOCKING else []
-    return KnownShape(tiles, material, names, blocking)
+    return KnownShape(tiles, material, names, blocking, size)
 
 
 def _fan(polygon: Floats) -> Floats:

@@ -75,7 +75,7 @@
       if (!made.has(key)) {
         const m = data.modes[mode], b = m.bodies;
         let polygons = null;
-        const own = b.solids && (b.names ? 0 : row);  // a known body is the same in each draw
+        const own = b.solids && (b.names ? Math.min(row, b.solids.length - 1) : row);  // one for all draws, if its lengths are known
         if (b.solids) polygons = b.solids[own] && solid(b.solids[own]);
         else {
           const areas = numbers(b.areas, Float32Array), normals = numbers(b.normals, Float32Array), n = b.uncertainty.length;
@@ -84,7 +84,7 @@
         }
         const given = m.attitude && m.attitude.kind === "directions", at = given && !m.attitude.shared ? row : 0;
         const directions = (name) => numbers(m.attitude[name], Int16Array).subarray(3 * at * data.t.length, 3 * (at + 1) * data.t.length);
-        const blocking = b.blocking ? solid(b.blocking).map(({ p }) => lcbayes.face(p)) : [];
+        const blocking = b.blocking ? solid(b.blocking[own]).map(({ p }) => lcbayes.face(p)) : [];
         if (blocking.length) for (const one of polygons) one.face = lcbayes.face(one.p);
         const mobile = given && (m.attitude.mobile || []).map((f) => ({ facets: new Set(f.facets), axes: numbers(f.axes, Int16Array) }));
         made.set(key, polygons && { polygons, blocking, mobile, rotate: given ? null : toBody(m.attitude, row),

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import base64
 import csv
-import json
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -23,6 +21,7 @@ from lcbayes.geometry.spherical import unit_vector
 from lcbayes.physics.attitude import rotations
 from lcbayes.physics.attitude.torque_free import torque_free_to_body
 from tests.helpers import browser_pages, results_folders
+from tests.helpers.opened_report import Opened, changed
 
 CHART, BODY = "[data-is=chart] canvas", "[data-is=body] canvas"
 
@@ -46,46 +45,6 @@ class Folders(dict[str, Path]):
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory) -> Folders:
     return Folders(tmp_path_factory.mktemp("explore"))
-
-
-class Opened:
-    """A report in a tab, and what it complained of."""
-
-    def __init__(self, tab: Any, page: Path) -> None:
-        self.tab, self.faults = tab, []
-        tab.on("console", lambda m: self.faults.append(m.text))
-        tab.on("pageerror", lambda e: self.faults.append(str(e)))
-        tab.on("request", lambda r: self._asked(r.url, page.as_uri()))
-        tab.goto(page.as_uri(), wait_until="load")
-
-    def _asked(self, url: str, page: str) -> None:
-        if not url.startswith(("data:", "blob:", page)):
-            self.faults.append(url)
-
-    def set(self, name: str, value: object) -> None:
-        self.tab.evaluate(
-            "([name, value]) => { const e = document.querySelector(`[data-is=${name}]`); "
-            "e.value = value; for (const t of ['input', 'change']) e.dispatchEvent(new Event(t)) }",
-            [name, str(value)],
-        )
-
-    def press(self, name: str) -> None:
-        self.tab.click(f"[data-is={name}]")
-
-    def text(self, name: str) -> str:
-        return self.tab.inner_text(f"[data-is={name}]")
-
-    def view(self, where: str) -> list[float]:
-        shown = self.tab.get_attribute(where, "data-view")
-        return [float(x) for x in shown.split()]
-
-    def box(self, where: str) -> dict[str, float]:
-        element = self.tab.query_selector(where)
-        element.scroll_into_view_if_needed()
-        return element.bounding_box()
-
-    def picture(self, where: str) -> str:
-        return self.tab.eval_on_selector(where, "c => c.toDataURL()")
 
 
 @pytest.fixture
@@ -191,27 +150,6 @@ def test_the_body_is_turned_as_the_model_turns_it(opened, folders, kind):
     for index in (0, 10, results.t.size - 1):
         page.set("time", index)
         assert page.view(BODY)[:3] == pytest.approx(np.asarray(seen[index]), abs=2e-3)
-
-
-def changed(source: Path, name: str, change: Any, **summary: Any) -> Path:
-    """A copy of a results folder with other draws, and its report.
-
-    ``change(dataset, rng)`` gives new draws of a solution; ``summary`` replaces what it says.
-    """
-    folder = shutil.copytree(source, source.with_name(name))
-    rng = np.random.default_rng(2)
-    with xr.open_datatree(folder / "posterior.nc", engine="h5netcdf") as stored:
-        tree = stored.load()
-    for k in range(2):
-        node = change(tree[f"modes/{k}/posterior"].to_dataset(), rng)
-        tree[f"modes/{k}/posterior"] = xr.DataTree(node)
-    tree.attrs["model"] = summary.get("model", tree.attrs["model"])
-    (folder / "posterior.nc").unlink()
-    tree.to_netcdf(folder / "posterior.nc", engine="h5netcdf")
-    content = json.loads((folder / "summary.json").read_text()) | summary
-    (folder / "summary.json").write_text(json.dumps(content))
-    lcbayes.report(folder)
-    return folder
 
 
 def test_a_body_that_tumbles_is_turned_as_the_model_turns_it(opened, folders):
@@ -340,11 +278,66 @@ SHADED = """([bodies, towards]) => {
       return lcbayes.face(made);
     });
   };
-  const blocking = read(bodies.blocking);
+  const blocking = read(bodies.blocking[0]);
   return read(bodies.solids[0]).filter((tile) => lcbayes.dot3(tile.n, sun) > 0).map((tile) => {
     return [tile.middle, tile.n, lcbayes.inShadow(tile, blocking, sun)];
   });
 }"""
+
+
+LONG_CYLINDER = """
+title = "a stage of unknown length"
+[[body.parts]]
+kind = "cylinder"
+radius = 1.0
+length = { low = 2.0, high = 9.0 }
+material = "paint"
+[materials.paint]
+law = "lambertian"
+r_diff = { low = 0.1, high = 0.9 }
+"""
+
+
+def test_each_draw_has_its_own_lengths(opened, folders):
+    """The corners of a cylinder of radius 1 and length L are √(1 + L²/4) from its middle, to the
+    thickness of the panels of its side; all draws have one scale."""
+
+    def lengths(node: xr.Dataset, rng: np.random.Generator) -> xr.Dataset:
+        shape = (node.sizes["chain"], node.sizes["draw"])
+        result = node[["omega"]]
+        result["attitude"] = (
+            ("chain", "draw", "inertial", "body"),
+            np.broadcast_to(np.eye(3), (*shape, 3, 3)),
+        )
+        length = ("chain", "draw"), rng.uniform(3.0, 8.0, shape)
+        result["cylinder_length"] = length
+        result["albedo_area"] = (("chain", "draw", "material"), np.ones((*shape, 1)))
+        return result
+
+    body = {"body": LONG_CYLINDER, "shadows": False}
+    folder = folders["cylinder"] = changed(
+        folders["satellite"], "cylinder", lengths, model="body", model_options=body
+    )
+    page = opened("cylinder")
+    packed = page.tab.evaluate("JSON.parse(document.getElementById('explored').textContent)")
+    solids = packed["modes"][0]["bodies"]["solids"]
+    assert len(solids) == packed["modes"][0]["draws"] > 10
+    stored = contents.read(folder).modes[0]
+    assert stored.curves is not None
+    rows = np.linspace(0, stored.curves.sizes["curve_draw"] - 1, len(solids)).round().astype(int)
+    chain, draw = (stored.curves[k].to_numpy()[rows] for k in ("chain_of", "draw_of"))
+    length = stored.draws["cylinder_length"].to_numpy()[chain, draw]
+    radius = np.sqrt(1.0 + length**2 / 4.0)
+    shown = [
+        np.linalg.norm(
+            np.frombuffer(base64.b64decode(s["vertices"]), "<i2").reshape(-1, 3) / 32000, axis=1
+        ).max()
+        for s in solids
+    ]
+    assert shown == pytest.approx(radius / radius.max(), abs=3e-3)
+    first = page.picture(BODY)
+    page.set("draw", int(np.argmin(length)))
+    assert page.picture(BODY) != first
 
 
 def test_a_satellite_of_a_law_is_turned_by_it_and_its_array_apart(opened, folders):
