@@ -2,6 +2,7 @@
 # make test      the tests, without the long statistical runs
 # make test-all  every test
 # make docs      the site, with a gallery whose pages are made anew where they changed
+# make site SITE=DIR  adds what make docs built to the versions in DIR (NAME=dev: not under its number)
 # make calibration  how far every model and sampler can be relied on, into docs/calibration.md; hours
 # make lint      formatting, lint and types, as CI checks them (make format repairs)
 # make clean     removes the environment and whatever else was made here
@@ -34,10 +35,10 @@ ifneq ($(PYTHON),)
     [ "$$("$(PYTHON)" -c '$(BASE)')" = "$$($(BIN)/python -c '$(BASE)')" ] || rm -rf $(VENV))
 endif
 
-.PHONY: help demo env test test-all docs calibration lint format clean
+.PHONY: help demo env test test-all docs site calibration lint format clean
 
 help:
-	@sed -n '1,9s/^# \{0,1\}//p' Makefile
+	@sed -n '1,10s/^# \{0,1\}//p' Makefile
 
 $(BIN)/python:
 	@for candidate in $(if $(PYTHON),"$(PYTHON)",$(CANDIDATES)); do \
@@ -99,6 +100,13 @@ docs: $(VENV)/.installed-docs
 	@$(BIN)/python docs/make_gallery.py --workers $(WORKERS)
 	@$(BIN)/python -m sphinx -b html -q -W --keep-going -d docs/_build/doctrees docs docs/_build/html
 	@echo "site: $(CURDIR)/docs/_build/html/index.html"
+
+# From the command line alone: some systems set NAME for other purposes.
+SITE :=
+NAME :=
+
+site: $(BIN)/python
+	@$(BIN)/python docs/make_site.py $(if $(SITE),"$(SITE)") $(NAME)
 
 calibration: env
 	@$(BIN)/python docs/make_calibration.py
