@@ -25,6 +25,7 @@ LARGE = 4  # panels that are drawn across the page
 PANEL = Gap(1800.0, 30.0)  # between the panels of a figure
 CONNECTED = Gap(0.0, 10.0)  # gap across which no band is drawn
 SPARSE = 3600.0  # s; points farther apart are not connected
+MANY = 400  # points of a panel above which they are pixels: as paths they would fill megabytes
 FEWEST_FOLDED = 50  # points
 FEWEST_OF_PASS = 20  # points of a pass in the periodogram of residuals
 PERIODOGRAM = 4e6  # points × frequencies of that periodogram
@@ -177,14 +178,17 @@ def _draw_segment(
     drawn = [(m, q[:, at] / power) for m, q in quantiles if q is not None]
     low = figure.add_subplot(grid[1], sharex=top) if drawn else None
     # there is no prediction between single points days apart
+    many = at.size > MANY
     sparse = at.size > 1 and float(np.median(np.diff(results.t[at]))) > SPARSE
     for rank, (mode, q) in enumerate(drawn):
         draw = _draw_band if rank == 0 else _draw_median
         draw(top, x, q, colour(mode.index), sparse)
     error = results.error[at] / power
     if np.isfinite(error).all():
-        top.errorbar(x, y, error, fmt="none", ecolor=DATA, elinewidth=0.6, alpha=0.5)
-    top.plot(x, y, "o", ms=2.6, color=DATA, zorder=4)
+        bars = {"fmt": "none", "ecolor": DATA, "elinewidth": 0.6, "alpha": 0.2 if many else 0.5}
+        top.errorbar(x, y, error, **bars, rasterized=many)
+    dots = {"ms": 1.2, "alpha": 0.6} if many else {"ms": 2.6}
+    top.plot(x, y, "o", **dots, mew=0, color=DATA, zorder=4, rasterized=many)
     top.set_ylabel(words)
     if results.is_magnitude:
         top.invert_yaxis()
@@ -242,7 +246,8 @@ def _draw_segment_residuals(
             edge = np.sign(residual) * 0.9 * largest
             axes.plot(x[out & side], edge[out & side], mark, ms=4, color="#b3391a")
         x, residual = x[~out], residual[~out]
-    axes.plot(x, residual, "o", ms=2.4, color=DATA)
+    many = x.size > MANY
+    axes.plot(x, residual, "o", ms=1.2 if many else 2.4, color=DATA, mew=0, rasterized=many)
     axes.set_ylabel("resid. (σ)" if scaled else "residual")
     if is_magnitude:
         axes.invert_yaxis()

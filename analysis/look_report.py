@@ -10,6 +10,7 @@ import numpy as np
 
 from lcbayes.analysis.numerals import FRAMES, date, duration, show
 from lcbayes.analysis.pages import environment
+from lcbayes.analysis.small_report import Listing
 from lcbayes.analysis.style import DATA, FAINT, Gallery, colour, drawing
 from lcbayes.core.errors import InputError
 from lcbayes.core.version import installed_version
@@ -125,8 +126,42 @@ def _geometry(content: Mapping[str, Any]) -> str:
 
 def period_words(periods: Mapping[str, Any] | None) -> list[str]:
     """What is known about periods."""
+    before, after = period_remarks(periods)
+    listed = period_table(periods)
+    if listed is None:
+        return before + after
+    kind, series = listed.heads[1:3]
+    lines = [
+        f"{period}: {kind.removesuffix(' (% of χ²)')} {explained} % of χ², {cycles} "
+        f"{series}{f', {role}' * bool(role)}"
+        for period, explained, cycles, role in listed.rows
+    ]
+    return before + lines + after
+
+
+def period_table(periods: Mapping[str, Any] | None) -> Listing | None:
+    """A row for each candidate; None if no period stands out."""
+    if periods is None or not periods["significant"]:
+        return None
+    joined = periods["nights_joined"]
+    kind, series = ("a Fourier series", "season") if joined else ("a sinusoid", "longest pass")
+    rows = [
+        (
+            _period(one["period_s"]),
+            f"{100 * one['explained']:.0f}",
+            f"{one['cycles']:.1f}",
+            _role(one),
+        )
+        for one in periods["listed"]
+    ]
+    heads = ("period", f"{kind} explains (% of χ²)", f"cycles in the {series}", "role")
+    return Listing("periods", heads, rows)
+
+
+def period_remarks(periods: Mapping[str, Any] | None) -> tuple[list[str], list[str]]:
+    """What is said before the candidates, and after them."""
     if periods is None:
-        return ["not searched: no pass has 30 points, and no month either"]
+        return ["not searched: no pass has 30 points, and no month either"], []
     alarm = periods["false_alarm_probability"]
     searched = (
         f"searched from {_period(periods['shortest_searched_s'])} to "
@@ -134,31 +169,23 @@ def period_words(periods: Mapping[str, Any] | None) -> list[str]:
         + (", nights joined" if periods["nights_joined"] else "")
     )
     if not periods["significant"]:
-        lines = [
-            f"none stands out ({searched}; noise has such a peak with probability {alarm:.2g})"
-        ]
-        return lines + periods["notes"]
-    joined = periods["nights_joined"]
-    lines = [f"{searched}; false-alarm probability {alarm:.2g}"]
-    kind, series = ("a Fourier series", "season") if joined else ("a sinusoid", "longest pass")
-    for one in periods["listed"]:
-        part = f"{_period(one['period_s'])}: {kind} explains {100 * one['explained']:.0f} % of χ²"
-        lines.append(f"{part}, {one['cycles']:.1f} cycles in the {series}{_role(one)}")
-    if joined:
-        lines.append("gaps between nights cause aliases: the first need not be the true period")
-        return lines + periods["notes"]
-    lines += [c["words"] for c in periods["conditions"] if not c["met"]]
-    lines.append(
-        "a body often repeats its brightness twice in a rotation, so the rotation may take twice "
-        "as long"
-    )
-    return lines + periods["notes"]
+        none = f"none stands out ({searched}; noise has such a peak with probability {alarm:.2g})"
+        return [none], periods["notes"]
+    if periods["nights_joined"]:
+        after = ["gaps between nights cause aliases: the first need not be the true period"]
+    else:
+        after = [c["words"] for c in periods["conditions"] if not c["met"]]
+        after.append(
+            "a body often repeats its brightness twice in a rotation, so the rotation may take "
+            "twice as long"
+        )
+    return [f"{searched}; false-alarm probability {alarm:.2g}"], after + periods["notes"]
 
 
 def _role(one: Mapping[str, Any]) -> str:
     if not one["of_base"]:
         return ""
-    return ", repeats" if one["of_base"] == 1 else f", harmonic {one['of_base']}"
+    return "repeats" if one["of_base"] == 1 else f"harmonic {one['of_base']}"
 
 
 def _period(seconds: float) -> str:
@@ -194,7 +221,8 @@ def write_page(
         "title": Path(str(content["curve"])).name or "a light curve",
         "content": content,
         "facts": facts(content),
-        "periods": period_words(content["periods"]),
+        "periods": period_table(content["periods"]),
+        "said": period_remarks(content["periods"]),
         "commands": [one for one in commands if one["suits"]],
         "others": [one for one in commands if not one["suits"]],
         "images": gallery.images,

@@ -8,9 +8,10 @@ import numpy as np
 
 from lcbayes.analysis.light_curve_plots import runs
 from lcbayes.analysis.sky_plots import mollweide, place
+from lcbayes.analysis.small_report import Listing
 from lcbayes.analysis.style import DATA, FAINT, Gallery, colour
 from lcbayes.geometry.spherical import lon_lat_deg
-from lcbayes.inversion.separated.single_facet import SURE, SingleFacet
+from lcbayes.inversion.separated.single_facet import SURE, Edge, SingleFacet
 
 SIDES = {  # of laws with z towards nadir and x along the direction of flight
     "forward": [1, 0, 0],
@@ -25,6 +26,36 @@ FLYING = ("lvlh", "velocity", "ram", "ground-track")
 
 def words(result: SingleFacet) -> list[str]:
     """The result as lines of text, without the verdict."""
+    lines = remarks(result)
+    start = result.seen.t.min()
+    for e in [] if result.reasons else result.edges:
+        seen = f" as seen from {e.site}" if e.site else ""
+        lines.append(
+            f"the facet {_change(e)}{seen} at t = {e.t - start:.1f} ± {e.error:.1f} s ({e.kind})"
+        )
+    return lines
+
+
+def table(result: SingleFacet) -> Listing:
+    """A row for each edge, if there are any to be trusted."""
+    heads = ("time from the first point (s)", "sd (s)", "the facet", "cause", "pass", "site")
+    start = result.seen.t.min()
+    rows = [
+        (
+            f"{e.t - start:.1f}",
+            f"{e.error:.1f}",
+            _change(e),
+            e.kind,
+            str(e.one_pass + 1),
+            e.site or "–",
+        )
+        for e in ([] if result.reasons else result.edges)
+    ]
+    return Listing("edges", heads, rows)
+
+
+def remarks(result: SingleFacet) -> list[str]:
+    """What the text says besides the edges."""
     lines = [
         f"{len(result.seen.t)} points in {len(np.unique(result.seen.one_pass))} pass(es); "
         f"chi2 {result.chi2:.1f} for {result.dof} degrees of freedom; an edge by chance: "
@@ -46,14 +77,13 @@ def words(result: SingleFacet) -> list[str]:
     else:
         odds = ", ".join(f"{k} {v:.2f}" for k, v in result.kind.items() if v >= 0.01)
         lines.append(f"the data do not determine the cause of the edges: {odds}")
-    start = result.seen.t.min()
-    for e in result.edges:
-        how = "appears" if e.brightens else "disappears"
-        seen = f" as seen from {e.site}" if e.site else ""
-        lines.append(f"the facet {how}{seen} at t = {e.t - start:.1f} ± {e.error:.1f} s ({e.kind})")
     if np.isfinite(result.albedo_area):
         lines.append(f"albedo times area {result.albedo_area:.3g} m² (Lambertian)")
     return lines
+
+
+def _change(edge: Edge) -> str:
+    return "appears" if edge.brightens else "disappears"
 
 
 def _kind(name: str) -> str:

@@ -9,6 +9,9 @@
     button.hidden = false; name();
     button.addEventListener("click", () => { root.dataset.theme = dark() ? "light" : "dark"; changed(); });
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", changed);
+    let before;  // paper is light, and canvases keep the colours in which they were painted
+    addEventListener("beforeprint", () => { before = root.dataset.theme; root.dataset.theme = "light"; changed(); });
+    addEventListener("afterprint", () => { if (before) root.dataset.theme = before; else delete root.dataset.theme; changed(); });
   }
 
   const number = (text) => {

@@ -152,17 +152,17 @@ def test_the_body_is_turned_as_the_model_turns_it(opened, folders, kind):
         assert page.view(BODY)[:3] == pytest.approx(np.asarray(seen[index]), abs=2e-3)
 
 
+def tumbling(node: xr.Dataset, rng: np.random.Generator) -> xr.Dataset:
+    """The draws with an inertia tensor of each."""
+    shape = (node.sizes["chain"], node.sizes["draw"])
+    moments = np.sort(rng.uniform(0.6, 1.0, (*shape, 3)))[..., None] * np.eye(3)
+    turn = np.linalg.qr(rng.standard_normal((*shape, 3, 3)))[0]
+    tensor = turn @ moments @ np.swapaxes(turn, -1, -2)
+    node["inertia"] = (("chain", "draw", "axis", "other_axis"), tensor)
+    return node
+
+
 def test_a_body_that_tumbles_is_turned_as_the_model_turns_it(opened, folders):
-    """The satellite's draws, with an inertia tensor of each."""
-
-    def tumbling(node: xr.Dataset, rng: np.random.Generator) -> xr.Dataset:
-        shape = (node.sizes["chain"], node.sizes["draw"])
-        moments = np.sort(rng.uniform(0.6, 1.0, (*shape, 3)))[..., None] * np.eye(3)
-        turn = np.linalg.qr(rng.standard_normal((*shape, 3, 3)))[0]
-        tensor = turn @ moments @ np.swapaxes(turn, -1, -2)
-        node["inertia"] = (("chain", "draw", "axis", "other_axis"), tensor)
-        return node
-
     folder = folders["tumbling"] = changed(folders["satellite"], "tumbling", tumbling)
     page = opened("tumbling")
     assert page.tab.locator("[data-is=fold]").is_disabled()  # there is no period
@@ -432,9 +432,29 @@ def test_print_and_a_browser_without_scripts_show_still_pictures(opened):
     assert not silent.tab.is_visible("#explore")
 
 
+LARGE = {
+    "asteroid": lambda to: results_folders.asteroid(to, n_facets=100, n_curves=98),
+    "satellite": lambda to: results_folders.faceted(to, step=0.2),
+    "tumbler": lambda to: changed(results_folders.faceted(to, step=0.2), "tumbler", tumbling),
+}
+
+
+def test_a_dark_page_is_printed_on_white(opened):
+    page = opened("satellite")
+    page.tab.click("[data-theme-button]")
+    dark = page.picture(CHART)
+    page.tab.evaluate("dispatchEvent(new Event('beforeprint'))")
+    assert page.tab.get_attribute("html", "data-theme") == "light"
+    assert page.picture(CHART) != dark
+    page.tab.evaluate("dispatchEvent(new Event('afterprint'))")
+    assert page.tab.get_attribute("html", "data-theme") == "dark"
+    assert page.picture(CHART) == dark
+
+
 @pytest.mark.slow
-def test_three_thousand_points_are_three_megabytes_and_open_in_a_second(browser, tmp_path):
-    folder = results_folders.asteroid(tmp_path / "large", n_facets=100, n_curves=98)
+@pytest.mark.parametrize("kind", LARGE)
+def test_three_thousand_points_are_three_megabytes_and_open_in_a_second(browser, tmp_path, kind):
+    folder = LARGE[kind](tmp_path / "large")
     assert contents.read(folder).t.size >= 2900
     lcbayes.report(folder)
     page = folder / "report.html"

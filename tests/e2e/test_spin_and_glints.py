@@ -60,6 +60,18 @@ def test_a_spin_from_file_to_pole(tmp_path, capsys, look):
     look(out / "report.html", turning=1)
 
 
+def test_the_light_curve_is_printed_where_no_figure_shows_it(tmp_path, browser):
+    """`lcbayes spin` has figures of periods and poles, and its light curve on the page alone."""
+    lcbayes.spin(steady(3, 50.0, spinning=True), out=tmp_path / "out")
+    tab = browser.new_page()
+    tab.goto((tmp_path / "out" / "report.html").as_uri())
+    assert tab.is_visible("#explore .controls >> nth=0")
+    tab.emulate_media(media="print")
+    assert tab.is_visible("[data-is=chart] canvas")
+    assert not tab.is_visible("#explore .controls >> nth=0")
+    tab.close()
+
+
 def test_no_pole_where_there_is_none(tmp_path, capsys):
     lcbayes.write(steady(1, 50.0, spinning=False), tmp_path / "noise.csv")
     argv = ["spin", str(tmp_path / "noise.csv"), "-o", str(tmp_path / "out"), "--json"]

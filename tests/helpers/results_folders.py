@@ -184,11 +184,20 @@ def _write(
 
 
 def faceted(
-    folder: Path, *, kind: str = "flux", bad: bool = False, title: str = "pass.csv", seed: int = 5
+    folder: Path,
+    *,
+    kind: str = "flux",
+    bad: bool = False,
+    title: str = "pass.csv",
+    seed: int = 5,
+    step: float = 5.0,
 ) -> Path:
-    """Three facets, two passes, two solutions that are mirror images; ``bad``: not converged."""
+    """Three facets, two passes, two solutions that are mirror images; ``bad``: not converged.
+
+    Each pass lasts 300 s, with a point every ``step`` s.
+    """
     rng = np.random.default_rng(seed)
-    t = np.concatenate([np.arange(0, 300, 5.0), 5400 + np.arange(0, 300, 5.0)])
+    t = np.concatenate([np.arange(0, 300, step), 5400 + np.arange(0, 300, step)])
     sun = np.broadcast_to(_unit(np.array([1.0, 0.2, 0.3])), (t.size, 3))
     angle = np.linspace(-1.2, 1.2, t.size // 2)
     track = _unit(np.stack([np.cos(angle), np.sin(angle), 0.4 + 0 * angle], 1))

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TypedDict
 import numpy as np
 
 from lcbayes.analysis import single_facet_report
+from lcbayes.analysis.small_report import Listing
 from lcbayes.analysis.style import Gallery
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.geometry.spherical import lon_lat_deg
@@ -111,6 +112,9 @@ class SingleFacetResult(DeterministicResult[SingleFacet, SingleFacetContent]):
 
     def lines(self) -> list[str]:
         return single_facet_report.words(self.data)
+
+    def listing(self) -> tuple[Listing, list[str]]:
+        return single_facet_report.table(self.data), single_facet_report.remarks(self.data)
 
     def tables(self) -> dict[str, pd.DataFrame]:
         """The normal, the edges, and the normals of the 90 % region."""
