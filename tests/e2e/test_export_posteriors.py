@@ -6,6 +6,7 @@ import importlib.util
 import json
 import sys
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -14,6 +15,9 @@ import numpy as np
 import pytest
 
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.inference.problem_cache import build_problem
+from lcbayes.modelling import registry
+from lcbayes.modelling.epochs import Epochs
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 DRAWS = 60
@@ -69,6 +73,37 @@ def test_the_ridge(tmp_path: Path) -> None:
     assert abs(draws.mean() - np.log(10.0)) < 0.3  # the facet has 10 m²
     higher = density.logdensity_fn(density.unconstrain(sites | {"log_albedo_area": jnp.zeros(1)}))
     assert higher < value - 10.0  # a tenth of the area explains nothing
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["mirror", "glint", "tumbler", "ariadne"])
+def test_the_density_of_the_files_is_that_of_the_light_curve(tmp_path, monkeypatch, name) -> None:
+    """The model is built from the exported files, and from the light curve that never was one."""
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    export = module(BENCHMARKS / "export_posteriors.py")
+    if name == "ariadne" and not (export.DATA / "damit").is_dir():
+        pytest.skip("no real data")
+    one, power = export.POSTERIORS[name], 0.7
+    curve = one.make()
+    export._write_data(tmp_path, name, one, curve, power)
+    export._write_model(tmp_path, one)
+    data = unzipped(tmp_path / "data" / "data" / f"{name}.json.zip")
+    density = module(tmp_path / "models" / "jax" / f"{one.model_name}.py").Posterior(data)
+
+    entry = registry.find(one.model)
+    epochs = replace(Epochs.of(curve), information=jnp.asarray(power))
+    problem, _ = build_problem(entry, entry.check(dict(one.options)), epochs)
+    assert density.dim == problem.dim
+    values = []
+    for key in jax.random.split(jax.random.key(3), 4):
+        z = problem.prior_draw(key, epochs)
+        value, slope = jax.value_and_grad(density.logdensity_fn)(z)
+        assert np.isfinite(slope).all()
+        assert value == pytest.approx(-float(problem.potential(z, epochs)), rel=1e-6)
+        values.append(value)
+        sites = density.constrain(z)
+        assert density.unconstrain(sites) == pytest.approx(np.asarray(z), abs=1e-8)
+    assert np.ptp(values) > 1.0
 
 
 def test_an_unknown_name_is_refused() -> None:
