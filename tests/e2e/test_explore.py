@@ -439,6 +439,17 @@ LARGE = {
 }
 
 
+def test_a_tumble_of_24_s_is_wide_enough_to_judge(opened):
+    """Its width in the light curve of one pass, and in the still figure of a pass of 300 s."""
+    page = opened("satellite")
+    page.set("segment", 1)
+    low, high = page.view(CHART)
+    assert page.box(CHART)["width"] * 24.0 / (high - low) > 50.0  # pixels
+    page.tab.emulate_media(media="print")
+    figure = page.tab.query_selector(".panels img").bounding_box()
+    assert figure["width"] * 24.0 / 300.0 > 50.0
+
+
 def test_a_dark_page_is_printed_on_white(opened):
     page = opened("satellite")
     page.tab.click("[data-theme-button]")
