@@ -1,9 +1,10 @@
-"""One browser for all tests of pages, how XLA optimises, which tests are long, and how often tests
-may fail by chance."""
+"""One browser for all tests of pages, where real observations lie, how XLA optimises, which tests
+are long, and how often tests may fail by chance."""
 
 from __future__ import annotations
 
 import gc
+import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -51,6 +52,16 @@ def full_optimisation() -> Iterator[None]:
     jax.config.update("jax_disable_most_optimizations", False)
     yield
     jax.config.update("jax_disable_most_optimizations", before)
+
+
+@pytest.fixture(scope="session")
+def data_dir() -> Path:
+    """Real observations: `$LCBAYES_DATA`, else `../shared/data` beside the project."""
+    given = os.environ.get("LCBAYES_DATA")
+    folder = Path(given) if given else Path(__file__).parents[2] / "shared" / "data"
+    if not folder.is_dir():
+        pytest.skip(f"no real observations at {folder}; set LCBAYES_DATA")
+    return folder
 
 
 @pytest.fixture(scope="session")

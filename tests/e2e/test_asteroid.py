@@ -50,6 +50,8 @@ def test_dimensions_model_curves_and_exports(fitted):
         curves = list(csv.DictReader(file))
     assert len(curves) == curve.n_obs
     assert {"model-curves-1-1-column", "model-curves-1-2-columns"} <= figures(out)
+    widths = [figure.get_size_inches()[0] * 25.4 for figure in result.plot_model_curves()]
+    assert widths == pytest.approx([88.0, 180.0])
     for suffix in ("obj", "stl", "txt"):
         assert (out / f"shape.{suffix}").is_file()
     # the exported triangles give the model curve, up to the spread of few draws

@@ -7,6 +7,7 @@ import inspect
 import re
 import runpy
 import sys
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -32,16 +33,13 @@ SOONER = {
 }
 BLOCKS = [block for page in PAGES for block in documentation_blocks.blocks(page)]
 SHELL = [block for block in BLOCKS if block.language == "sh"]
-_DATA = "needs the observations, which are not ours to carry"
-NOT_RUN = {
-    "docs/asteroid-size.md": _DATA,
-    "docs/bodies.md": "takes as long as the fit above",
-    "docs/batch.md": "needs a Dask cluster at that address",
-    "docs/case-pomenis.md": _DATA,
-    "docs/case-ariane.md": _DATA,
-    "docs/case-score.md": _DATA,
-    "docs/surveys.md": "needs a file of a survey",
+PYTHON = [block for block in BLOCKS if block.language == "python" and not block.needs]
+NOT_RUN = {  # how many blocks of a page, and why
+    ("docs/bodies.md", "takes as long as the fit above"): 3,
+    ("docs/batch.md", "needs a Dask cluster at that address"): 1,
+    ("docs/surveys.md", "needs catalogues, and a Dask cluster at that address"): 1,
 }
+OBSERVED = dict.fromkeys(block.page for block in BLOCKS if block.needs)
 QUICKSTART, PASTED = "docs/quickstart.md", 5  # its commands that need no file of the reader
 
 
@@ -50,15 +48,15 @@ def label(block: Block) -> str:
 
 
 def commands(page: str) -> list[list[str]]:
-    """The words after `lcbayes` of what a page runs, in order."""
-    run = [words for b in SHELL if b.page == page and not b.why_not for words in b.commands]
-    return [words[1:] for words in run if words[0] == "lcbayes"]
+    """The words after `lcbayes` of what a page runs without observations, in order."""
+    run = [b for b in SHELL if b.page == page and not b.why_not and not b.needs]
+    return [words[1:] for b in run for words in b.commands if words[0] == "lcbayes"]
 
 
 def test_every_block_says_what_it_is_in():
     unknown = [label(b) for b in BLOCKS if b.language not in documentation_blocks.LANGUAGES]
     assert unknown == [label(b) for b in BLOCKS if b.language.startswith("{")]  # for Sphinx
-    assert {b.page: b.why_not for b in BLOCKS if b.why_not} == NOT_RUN
+    assert Counter((b.page, b.why_not) for b in BLOCKS if b.why_not) == NOT_RUN
     for page in PAGES:  # none is missed
         assert page.read_text("utf-8").count("```") == 2 * len(documentation_blocks.blocks(page)), (
             page
@@ -90,12 +88,16 @@ def test_every_command_of_the_pages_and_of_help_is_understood():
     assert set(main.COMMANDS) <= named | inline, "a command that no page shows"
 
 
+def run_command(page: str, words: list[str]) -> None:
+    sooner = SOONER.get(words[0], []) if "--config" not in words else []
+    status = main.main([*words, *sooner])
+    assert status in (0, 3), f"{page}: lcbayes {' '.join(words)}"
+
+
 def run_page(page: str, folder: Path, first: int | None = None) -> None:
     for words in commands(page)[:first]:
         documentation_blocks.provide(folder, words)
-        sooner = SOONER.get(words[0], []) if "--config" not in words else []
-        status = main.main([*words, *sooner])
-        assert status in (0, 3), f"{page}: lcbayes {' '.join(words)}"
+        run_command(page, words)
 
 
 @pytest.mark.slow
@@ -107,7 +109,7 @@ def test_the_quickstart_can_be_pasted(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", dict.fromkeys(b.page for b in SHELL))
+@pytest.mark.parametrize("page", dict.fromkeys(b.page for b in SHELL if commands(b.page)))
 def test_commands_of_a_page_run(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     run_page(page, tmp_path)
@@ -123,7 +125,7 @@ def short_runs(monkeypatch):
 def run_python(page: str, folder: Path) -> dict:
     """The names after all Python blocks of a page, run one after the other."""
     names: dict = {}
-    for block in [b for b in BLOCKS if b.page == page and b.language == "python"]:
+    for block in [b for b in PYTHON if b.page == page]:
         documentation_blocks.provide(folder, re.findall(r'"([^"]+)"', block.text))
         exec(compile(block.text, page, "exec"), names)
     return names
@@ -182,13 +184,32 @@ CHEAP = {"docs/attitude-laws.md"}
     "page",
     [
         pytest.param(page, marks=[] if page in CHEAP else pytest.mark.slow)
-        for page in dict.fromkeys(b.page for b in BLOCKS if b.language == "python")
+        for page in dict.fromkeys(b.page for b in PYTHON)
         if page not in TRIED_ABOVE
     ],
 )
 def test_python_of_a_page_runs(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert run_python(page, tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.real
+@pytest.mark.usefixtures("short_runs")
+@pytest.mark.parametrize("page", OBSERVED)
+def test_a_page_about_real_observations_runs(page, data_dir, tmp_path, monkeypatch):
+    """Commands and Python in the order of the page, in one folder."""
+    monkeypatch.chdir(tmp_path)
+    names: dict = {}
+    for block in [b for b in BLOCKS if b.page == page and b.needs]:
+        if block.language == "python":
+            block.observations(data_dir, tmp_path)
+            exec(compile(block.text, page, "exec"), names)
+            continue
+        for _, *words in block.commands:
+            documentation_blocks.provide(tmp_path, words)
+            block.observations(data_dir, tmp_path)  # in place of what was made
+            run_command(page, words)
 
 
 # A scenario to which each TOML block is a change.

@@ -124,6 +124,21 @@ def test_a_peak_of_which_no_pass_holds_six_cycles_is_not_folded(tmp_path, monkey
         result.plot_folded()
 
 
+def test_a_period_that_is_not_accurate_enough_for_an_asteroid_is_scanned_first():
+    """Over years, a spin is told apart from one that differs by half a turn in all of them."""
+    result = lcbayes.look(steady(3, 50.0, spinning=True))
+    asteroid = replace(result.curve, frame="ecliptic-j2000", range_km=None)
+
+    def commands(span):
+        facts = dict(result.content) | {"orbit": False, "span_s": span}
+        return [one.command for one in advise(asteroid, facts, result.data) if one.suits]
+
+    scan, fit = [line for line in commands(1e8) if " scan" in line]
+    assert scan.startswith("lcbayes scan")
+    assert "--model convex-grid --start-from scan -o out" in fit
+    assert any("--model convex-grid --period 0.0" in line for line in commands(5.0))
+
+
 def test_it_starts_without_jax(bare):
     code = (
         "import sys; from lcbayes.cli import main; main.main(sys.argv[1:]); "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 LANGUAGES = {"sh", "python", "toml", "text"}
 
 _BLOCK = re.compile(
-    r"(?m)^(?:<!-- not run: (?P<why>[^>]+) -->\n)?"
+    r"(?m)^(?:<!-- (?:not run: (?P<why>[^>]+)|needs: (?P<needs>[^>]+)) -->\n)?"
     r"(?P<indent> *)```(?P<language>[^\n]*)\n(?P<text>.*?)^(?P=indent)```$",
     re.DOTALL,
 )
@@ -27,19 +28,33 @@ _BLOCK = re.compile(
 
 @dataclass(frozen=True)
 class Block:
-    """A fenced block: what it is written in, and why it is not run where it is not."""
+    """A fenced block: what it is written in, why it is not run where it is not, and the files of
+    real observations that it needs.
+
+    A comment above a block says so. With ``<!-- needs: damit/43_Ariadne_rel.lcs as a.lcs -->`` that
+    file of the folder of observations is ``a.lcs`` where the block is run.
+    """
 
     page: str
     line: int
     language: str
     text: str
     why_not: str | None
+    needs: tuple[str, ...] = ()
 
     @property
     def commands(self) -> list[list[str]]:
         """The words of each command of a shell block, comments left out."""
         joined = self.text.replace("\\\n", " ")
         return [words for line in joined.splitlines() if (words := shlex.split(line, True))]
+
+    def observations(self, data: Path, folder: Path) -> None:
+        """Copy what the block needs."""
+        for needed in self.needs:
+            file, _, name = needed.partition(" as ")
+            to = folder / (name or Path(file).name)
+            to.parent.mkdir(exist_ok=True)
+            shutil.copy(data / file, to)
 
 
 def blocks(page: Path) -> list[Block]:
@@ -50,7 +65,8 @@ def blocks(page: Path) -> list[Block]:
         indent = match["indent"]
         inside = "".join(x.removeprefix(indent) for x in match["text"].splitlines(keepends=True))
         line = text.count("\n", 0, match.start()) + 1
-        result.append(Block(name, line, match["language"], inside, match["why"]))
+        needs = tuple(match["needs"].split(", ")) if match["needs"] else ()
+        result.append(Block(name, line, match["language"], inside, match["why"], needs))
     return result
 
 
@@ -80,12 +96,14 @@ def provide(folder: Path, words: list[str]) -> None:
     tle = any(word.endswith(".tle") for word in words)
     makers = {
         r"(pass|passes|mine|tumbler|geo)\.csv": lambda p: with_elements(p) if tle else turning(p),
-        r"(object|objects|geo)\.tle": lambda p: copy("box-wing.tle", p),
+        r"(object|objects|geo|sat)\.tle": lambda p: copy("box-wing.tle", p),
         r"(starlink|pomenis_observations)\.csv": many_nights,
         r"tomorrow\.csv": lambda p: ranged(p) if (folder / "object.tle").exists() else turning(p),
         r"43_Ariadne\.lcs": asteroid,
         r"mine\.toml": scenario,
         r"tonight\.toml": three_facets,
+        r"tonight\.csv": with_elements,
+        r"stage\.toml": known_body,
         r"\./mine\.py": own_model,
         r"model\.obj": box,
         r"night\.csv": catalogue,
@@ -170,6 +188,11 @@ def small_fit(out: Path) -> None:
 
 def own_model(to: Path) -> None:
     (block,) = [b for b in blocks(ROOT / "docs" / "models.md") if b.language == "python"]
+    to.write_text(block.text, encoding="utf-8")
+
+
+def known_body(to: Path) -> None:
+    (block,) = [b for b in blocks(ROOT / "docs" / "case-ariane.md") if b.language == "toml"]
     to.write_text(block.text, encoding="utf-8")
 
 

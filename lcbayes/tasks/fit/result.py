@@ -229,6 +229,17 @@ class Fit(Result[FitContent]):
             lambda g: light_curve_plots.draw_residual_periodogram(self._contents(), g)
         )
 
+    def plot_model_curves(self) -> list[Figure]:
+        """Curves of an asteroid against its rotation, two figures per solution: 88 and 180 mm
+        wide, as journals print them; none for other objects."""
+        results = self._contents()
+
+        def draw(gallery: style.Gallery) -> None:
+            for mode in results.modes:
+                asteroid_plots.draw_phased(results, mode, gallery)
+
+        return style.figures(draw)
+
     def plot_parameters(self) -> list[Figure]:
         """Pairs of the most important quantities, one figure per solution."""
 

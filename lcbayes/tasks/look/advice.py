@@ -21,6 +21,7 @@ SPIN_S = 60.0  # of the search of a spin in addition
 GRADIENTS = 150_000  # of a fit: 4 chains of 950 draws with some 40 gradients each
 GRADIENT_S = 5e-9  # per epoch and facet, one core
 SCAN_STEP_S = 1.5e-8  # per epoch and facet of a step of a hypothesis
+SCAN_POLES, SCAN_STEPS, SCAN_FACETS = 12, 20, 150  # of the screening of a period
 COST = (
     f"rough, on one core: {START_S:.0f} s to compile and search, and for a fit "
     f"{GRADIENTS / 1000:.0f} thousand gradients of {GRADIENT_S * 1e9:.0f} ns per epoch and facet; "
@@ -79,8 +80,8 @@ def advise(curve: LightCurve, facts: dict[str, Any], candidates: Candidates | No
         return [_geometry(known)]
     rules: tuple[Callable[[Known], Iterator[Advice]], ...] = (
         _spin,
-        _asteroid,
         _scan,
+        _asteroid,
         _faceted,
         _stabilised,
         _attitude_test,
@@ -147,7 +148,7 @@ def _spin(known: Known) -> Iterator[Advice]:
         return
     need = f"{MIN_PASSES} passes of {MIN_CYCLES:.0f} cycles each are needed"
     suits = known.sampled_passes >= MIN_PASSES
-    why = f"{known.sampled_passes} passes have {MIN_CYCLES:.0f} cycles of the period or more"
+    why = f"{_passes(known.sampled_passes)} of {MIN_CYCLES:.0f} cycles of the period or more"
     if known.period is None:
         why = "no period is detected"
     cost = 10.0 + 2e-8 * 199 * min(1.5 * curve.n_obs, 20_000) * curve.n_obs
@@ -157,14 +158,18 @@ def _spin(known: Known) -> Iterator[Advice]:
 def _asteroid(known: Known) -> Iterator[Advice]:
     if not known.asteroid:
         return
-    hours = "HOURS" if known.period is None else f"{known.period / HOUR_S:.6g}"
     why = "curves of a distant object over months or years"
-    words = ("--model", "convex-grid", "--period", hours)
+    words = ["--model", "convex-grid"]
+    if known.period is None:
+        words += ["--period", "HOURS"]
+    elif _trials(known) > 1.0:
+        words += ["--start-from", "scan"]
+        why += "; after the scan, because this period is not accurate enough for all of them"
+    else:
+        words += ["--period", f"{known.period / HOUR_S:.6g}"]
     cost = fit_cost(known.curve.n_obs, GRID_FACETS)
     answers = "pole, sidereal period and convex shape"
-    yield _advice(
-        known, True, answers, f"{why}; try the other candidate periods too", "", cost, "fit", *words
-    )
+    yield _advice(known, True, answers, why, "", cost, "fit", *words)
 
 
 def _scan(known: Known) -> Iterator[Advice]:
@@ -175,12 +180,11 @@ def _scan(known: Known) -> Iterator[Advice]:
         hint = f"{low:.5g}s,{high:.5g}s"
     else:
         hint = f"{low / HOUR_S:.6g},{high / HOUR_S:.6g}"
-    span, curve = known.facts["span_s"], known.curve
     why = "no period is detected: give a range" if known.period is None else "a period is detected"
     cost = np.nan
     if known.period is not None:
-        trials = max(1.0, 2 * span * (1 / low - 1 / high) / 0.8)
-        cost = START_S + 12 * 30 * trials * SCAN_STEP_S * curve.n_obs * GRID_FACETS
+        steps = SCAN_POLES * SCAN_STEPS * max(1.0, _trials(known))
+        cost = START_S + steps * SCAN_STEP_S * known.curve.n_obs * SCAN_FACETS
     answers = "poles and periods, each with its best body, ranked"
     yield _advice(
         known,
@@ -193,6 +197,12 @@ def _scan(known: Known) -> Iterator[Advice]:
         "--period-range",
         hint,
     )
+
+
+def _trials(known: Known) -> float:
+    """Number of periods to tell apart between the ends of the range that is scanned."""
+    low, high = _period_range(known)
+    return 2 * known.facts["span_s"] * (1 / low - 1 / high) / 0.8
 
 
 def _period_range(known: Known) -> tuple[float, float]:
@@ -232,7 +242,7 @@ def _stabilised(known: Known) -> Iterator[Advice]:
         return
     orbit = known.facts["orbit"]
     suits = bool(orbit and known.passes >= 5 and known.period is None)
-    why = f"{known.passes} passes, {'no' if known.period is None else 'a'} period"
+    why = f"{_passes(known.passes)}, {'no' if known.period is None else 'a'} period"
     need = "an orbit (--tle), five passes or more, and no period of a spin are needed"
     cost = fit_cost(known.curve.n_obs, 8)
     yield _advice(
@@ -253,7 +263,7 @@ def _attitude_test(known: Known) -> Iterator[Advice]:
         return
     orbit = known.facts["orbit"]
     suits = bool(orbit and known.passes >= 3)
-    why = f"{known.passes} passes" + (", orbit known" * bool(orbit))
+    why = _passes(known.passes) + (", orbit known" * bool(orbit))
     need = "an orbit (--tle) and several passes of similar geometry are needed"
     cost = 30.0 + 2e-3 * known.curve.n_obs
     yield _advice(
@@ -288,6 +298,10 @@ def _glints(known: Known) -> Iterator[Advice]:
     cost = 20.0 + 2e-4 * known.curve.n_obs
     suits = cadence <= DENSE_S
     yield _advice(known, suits, "directions of facets from their glints", why, need, cost, "glints")
+
+
+def _passes(number: int) -> str:
+    return f"{number} pass" if number == 1 else f"{number} passes"
 
 
 def _advice(
