@@ -102,7 +102,7 @@ def provide(folder: Path, words: list[str]) -> None:
         r"43_Ariadne\.lcs": asteroid,
         r"mine\.toml": scenario,
         r"tonight\.toml": three_facets,
-        r"tonight\.csv": with_elements,
+        r"tonight\.csv": times,
         r"stage\.toml": known_body,
         r"\./mine\.py": own_model,
         r"model\.obj": box,
@@ -125,6 +125,12 @@ def copy(name: str, to: Path) -> None:
 def with_elements(to: Path) -> None:
     """Times, sites and flux: directions follow from the elements."""
     copy("box-wing.csv", to)
+
+
+def times(to: Path) -> None:
+    """Times alone, at which the brightness is to be predicted."""
+    rows = (SCENARIOS / "box-wing.csv").read_text("utf-8").splitlines()
+    to.write_text("".join(f"{row.partition(',')[0]}\n" for row in rows), encoding="utf-8")
 
 
 def ranged(to: Path) -> None:
