@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import shlex
-import shutil
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -54,7 +53,7 @@ class Block:
             file, _, name = needed.partition(" as ")
             to = folder / (name or Path(file).name)
             to.parent.mkdir(exist_ok=True)
-            shutil.copy(data / file, to)
+            to.write_bytes((data / file).read_bytes())
 
 
 def blocks(page: Path) -> list[Block]:
@@ -128,8 +127,8 @@ def with_elements(to: Path) -> None:
 
 
 def times(to: Path) -> None:
-    """Times alone, at which the brightness is to be predicted."""
-    rows = (SCENARIOS / "box-wing.csv").read_text("utf-8").splitlines()
+    """Times alone, at which the object is above the horizon of other sites, too."""
+    rows = (SCENARIOS / "box-wing.csv").read_text("utf-8").splitlines()[:20]
     to.write_text("".join(f"{row.partition(',')[0]}\n" for row in rows), encoding="utf-8")
 
 
