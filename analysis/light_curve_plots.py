@@ -177,8 +177,8 @@ def _draw_segment(
     x, y = (results.t[at] - results.t[at[0]]) / size, results.brightness[at] / power
     drawn = [(m, q[:, at] / power) for m, q in quantiles if q is not None]
     low = figure.add_subplot(grid[1], sharex=top) if drawn else None
-    # there is no prediction between single points days apart
     many = at.size > MANY
+    # there is no prediction between single points days apart
     sparse = at.size > 1 and float(np.median(np.diff(results.t[at]))) > SPARSE
     for rank, (mode, q) in enumerate(drawn):
         draw = _draw_band if rank == 0 else _draw_median

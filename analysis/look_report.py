@@ -127,25 +127,34 @@ def _geometry(content: Mapping[str, Any]) -> str:
 def period_words(periods: Mapping[str, Any] | None) -> list[str]:
     """What is known about periods."""
     before, after = period_remarks(periods)
-    listed = period_table(periods)
-    if listed is None:
-        return before + after
-    kind, series = listed.heads[1:3]
+    kind, series = _fitted(periods)
     lines = [
-        f"{period}: {kind.removesuffix(' (% of χ²)')} {explained} % of χ², {cycles} "
-        f"{series}{f', {role}' * bool(role)}"
-        for period, explained, cycles, role in listed.rows
+        f"{period}: {kind} explains {explained} % of χ², {cycles} cycles in the {series}"
+        f"{f', {role}' * bool(role)}"
+        for period, explained, cycles, role in _candidates(periods)
     ]
     return before + lines + after
 
 
 def period_table(periods: Mapping[str, Any] | None) -> Listing | None:
     """A row for each candidate; None if no period stands out."""
+    kind, series = _fitted(periods)
+    heads = ("period", f"{kind} explains (% of χ²)", f"cycles in the {series}", "role")
+    rows = [(*cells, role or "–") for *cells, role in _candidates(periods)]
+    return Listing("periods", heads, rows) if rows else None
+
+
+def _fitted(periods: Mapping[str, Any] | None) -> tuple[str, str]:
+    """What was fitted at each period, and to what."""
+    joined = periods is not None and periods["nights_joined"]
+    return ("a Fourier series", "season") if joined else ("a sinusoid", "longest pass")
+
+
+def _candidates(periods: Mapping[str, Any] | None) -> list[tuple[str, ...]]:
+    """Period, part of χ², cycles and role of each candidate that stands out."""
     if periods is None or not periods["significant"]:
-        return None
-    joined = periods["nights_joined"]
-    kind, series = ("a Fourier series", "season") if joined else ("a sinusoid", "longest pass")
-    rows = [
+        return []
+    return [
         (
             _period(one["period_s"]),
             f"{100 * one['explained']:.0f}",
@@ -154,8 +163,6 @@ def period_table(periods: Mapping[str, Any] | None) -> Listing | None:
         )
         for one in periods["listed"]
     ]
-    heads = ("period", f"{kind} explains (% of χ²)", f"cycles in the {series}", "role")
-    return Listing("periods", heads, rows)
 
 
 def period_remarks(periods: Mapping[str, Any] | None) -> tuple[list[str], list[str]]:

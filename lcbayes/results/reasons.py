@@ -20,7 +20,7 @@ MOST_SPINS = 12  # listed in the text
 SENTENCES = {
     # chains
     "published-sampler": "the published sampler is biased by an amount that no diagnostic shows",
-    "chains-disagree": "the chains disagree (R-hat {rhat:.3f}, at most {limit} is trusted): they "
+    "chains-disagree": "the chains disagree (R-hat {rhat:.4f}, at most {limit} is trusted): they "
     "have not found one common distribution{agree}",
     "few-effective-draws": "the draws are worth only {ess:.0f} independent ones ({kind}; at least "
     "{limit:.0f} are needed): take more with --num-samples",
