@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes.core.blocks import in_blocks
 from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
@@ -55,9 +54,7 @@ from lcbayes.inference.start_from import placed
 from lcbayes.inference.tumbling_search import Repeats
 from lcbayes.inference.warped_bridge import APART_SE, with_ratios
 from lcbayes.modelling.epochs import Epochs
-from lcbayes.modelling.likelihood import FLUX, OUTLIER
-from lcbayes.modelling.nutation import RESPONSE
-from lcbayes.modelling.problem import Problem, Sites, compiled, prior_draws
+from lcbayes.modelling.problem import Problem, compiled, prior_draws
 from lcbayes.modelling.registry import Entry
 from lcbayes.samplers import annealing, bridge
 from lcbayes.samplers.bridge import LogEvidence
@@ -67,8 +64,6 @@ from lcbayes.samplers.settings import NUTS, PARTICLES, Settings
 from lcbayes.samplers.tempering_path import time_ordered
 
 Floats = NDArray[np.float64]
-PER_EPOCH = ("expected", FLUX, OUTLIER, "sun_body", "obs_body", RESPONSE)
-ROWS = 256  # draws together
 BRIDGE_ESS = 200.0  # effective number of draws per solution in the error of its weight
 
 
@@ -480,20 +475,4 @@ def _potentials(problem: Problem, y: Floats, whitening, data: Epochs) -> jax.Arr
     return jax.lax.map(lambda row: problem.potential(whitening(row), data), jnp.asarray(y))
 
 
-def constrain_draws(problem: Problem, z: Floats, data: Epochs) -> dict[str, np.ndarray]:
-    """Every site at draws z (C, S, D), except sites with one value per epoch."""
-    flat = z.reshape(-1, z.shape[-1])
-    sites = in_blocks(lambda rows: _constrained(problem, rows, data), ROWS, flat)
-    return {k: v.reshape(*z.shape[:2], *v.shape[1:]) for k, v in sites.items()}
-
-
-@partial(jax.jit, static_argnums=0)
-def _constrained(problem: Problem, rows: Floats, data: Epochs) -> Sites:
-    def one(row: jax.Array) -> Sites:
-        sites = problem.constrain(row, data)
-        return {k: v for k, v in sites.items() if k not in PER_EPOCH}
-
-    return jax.lax.map(one, jnp.asarray(rows), batch_size=32)
-
-
-__all__ = ["Mode", "Posterior", "constrain_draws", "run"]
+__all__ = ["Mode", "Posterior", "run"]

@@ -37,6 +37,7 @@ TIME_ORDERED_ROUNDS = (
 )
 MIN_STARTS = 12
 MIN_GAIN = 0.1  # nats, of an optimum that is better than others
+IDLE = 2  # rounds of a climb without a better optimum
 ACCELERATOR_SIZE = 20_000_000  # parameters times epochs times starts advanced together there
 TOLERANCE = 1e-2  # gain in nats below which successive steps end a search
 
@@ -170,10 +171,10 @@ def climbed(
 ) -> SearchState:
     """The end points, with better optima that are reached from near the best, best first.
 
-    ``neighbours`` gives points to try, (D,) each, from an optimum (D,). It ends when a round finds
-    no optimum that is better than all, or when all have been tried.
+    ``neighbours`` gives points to try, (D,) each, from an optimum (D,). It ends when `IDLE` rounds
+    in succession find no optimum that is better than all, or when all have been tried.
     """
-    ends, tried = best_first(ends), np.zeros(0)
+    ends, tried, idle = best_first(ends), np.zeros(0), 0
     for _ in range(climb.rounds):
         rows = different(ends, climb.most, tried)
         tried = np.concatenate([tried, np.asarray(ends.potential)[rows]])
@@ -185,7 +186,8 @@ def climbed(
         )
         best = float(ends.potential[0])
         ends = joined(ends, better)
-        if not float(ends.potential[0]) < best - MIN_GAIN:
+        idle = 0 if float(ends.potential[0]) < best - MIN_GAIN else idle + 1
+        if idle == IDLE:
             break
     return ends
 

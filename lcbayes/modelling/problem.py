@@ -18,7 +18,6 @@ from numpyro.distributions.transforms import IdentityTransform, Transform
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
-from lcbayes.geometry.spherical import unwrapped
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import FLUX, OBSERVED, Contaminated, Law
 from lcbayes.modelling.nuisances import drawn_jointly, zero_point_response
@@ -108,8 +107,7 @@ class Problem:
         flat, self.unravel = ravel_pytree(template)
         self.dim = int(flat.size)
         self.law: Law = _law(_base(observed["fn"]))
-        self._directions = [k for k in sorted(latent) if _is_direction(latent[k])]
-        lengths = (np.prod(latent[k]["fn"].batch_shape) for k in self._directions)
+        lengths = (np.prod(v["fn"].batch_shape) for v in latent.values() if _is_direction(v))
         # The lengths of direction vectors do not count as parameters.
         redundant = (getattr(v["fn"], "redundant", 0) for v in latent.values())
         self.n_parameters = self.dim - int(sum(lengths)) - sum(redundant)
@@ -151,19 +149,6 @@ class Problem:
     def rows(self, names: Iterable[str]) -> NDArray[np.int64]:
         """Indices of some sites in the flat vector."""
         return np.concatenate([np.zeros(0, np.int64), *(self._rows[k] for k in names)])
-
-    def angles(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Azimuths (rad) and cosines of the polar angle of the K directions of z (C, S, D).
-
-        Returns
-        -------
-        (C, S, 2K)
-            Each azimuth within half a turn of its mean.
-        """
-        v = z[..., self.rows(self._directions)].reshape(*z.shape[:-1], -1, 3)
-        azimuth = unwrapped(np.arctan2(v[..., 1], v[..., 0]), 2 * np.pi, axis=(0, 1))
-        polar = v[..., 2] / np.linalg.norm(v, axis=-1)
-        return np.concatenate([azimuth, polar], axis=-1)
 
     def _sites(self, free: Sites) -> tuple[Sites, jax.Array]:
         sites, log_det = {}, jnp.zeros(())

@@ -23,9 +23,10 @@ from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.threads import threads
 from lcbayes.core.version import installed_version
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.inference.fit import Mode, Posterior, constrain_draws
+from lcbayes.inference.fit import Mode, Posterior
 from lcbayes.inference.loo import loo, without_tail
 from lcbayes.inference.prior_mass import prior_sample
+from lcbayes.modelling.constrained import constrain_draws
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import OBSERVED, OUTLIER
 from lcbayes.modelling.nuisances import INTEGRATED_OUT, drawn

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from lcbayes.core.jax_setup import jnp
 from lcbayes.core.reasons import Finding, Reason
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.geometry.spherical import unwrapped
 from lcbayes.geometry.times import Times
 from lcbayes.inference import alternatives, goodness_of_fit, misfit_tests, robustness
 from lcbayes.inference.fit import Posterior
@@ -27,10 +26,11 @@ from lcbayes.inference.modes import Mode
 from lcbayes.inference.solutions import optimum
 from lcbayes.inference.spin_search.cells import Coverage
 from lcbayes.inference.tumbling_search import AGREE, Repeats
+from lcbayes.modelling.constrained import reported_draws
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import FLUX, OBSERVED, OUTLIER
 from lcbayes.modelling.problem import Sites, compiled
-from lcbayes.modelling.variables import SPIN, label, reported
+from lcbayes.modelling.variables import SPIN, label
 from lcbayes.results.content import (
     FitNumbers,
     FitQuality,
@@ -58,16 +58,13 @@ MAX_APART = 1.05  # R-hat between independent runs
 MAX_SHIFT = 0.5  # sd, by shadows that are left out; 90 % intervals still hold 86 %
 SHADOW_DRAWS = 3  # draws at which these are computed, besides the optimum
 LIKELY = 0.5  # probability above which a point counts as an outlier
-CIRCLES = {"phi": 2 * np.pi, "pole_lon_deg": 360.0}
 
 
 def parameters(draws: Mapping[str, Floats]) -> dict[str, ParameterContent]:
     """Mean, sd, quantiles, R-hat and ESS of each scalar, by ``name`` or ``name[i]``."""
     import arviz as az
 
-    shown = {k: np.asarray(draws[k], float) for k in reported(draws)}
-    for name in shown.keys() & CIRCLES.keys():
-        shown[name] = unwrapped(shown[name], CIRCLES[name], axis=(0, 1))
+    shown = reported_draws(draws)
     data = dataset(shown)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # constant draws give NaN, which the caller handles

@@ -17,6 +17,7 @@ from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Track
 from lcbayes.core.threads import threads
+from lcbayes.modelling.constrained import quantities
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
 from lcbayes.samplers import chains, convergence
@@ -178,7 +179,7 @@ class Sampler:
                     first, end = len(blocks), len(blocks) + sample_blocks
                 elif len(blocks) == end:
                     draws = np.concatenate([b["z"] for b in kept], axis=1)
-                    length = self._required_length(self._in_order(draws, starts[0]))
+                    length = self._required_length(self._in_order(draws, starts[0]), data)
                     more = first + -(-length // BLOCK) - end
                     track.more(per_block * more)
                     end += more
@@ -207,17 +208,17 @@ class Sampler:
         """Draws (C, S, D) with exchangeable facets in the order of the reference (D,)."""
         return self.ordered(draws.reshape(-1, draws.shape[2]), reference).reshape(draws.shape)
 
-    def _required_length(self, z: Floats) -> int:
-        """Length at which z (C, S, D) and the reported angles of its directions converge.
+    def _required_length(self, z: Floats, data: Epochs) -> int:
+        """Length at which z (C, S, D) and the quantities that a result reports converge.
 
-        The length of a vector that represents a direction varies more than its direction, and can
-        hide that chains disagree about an angle.
+        Chains may agree about coordinates and disagree about what is computed from them. The length
+        of a vector that represents a direction varies more than its direction, for example.
         """
         longest = self.settings.most_samples
-        angles = self.problem.angles(z)
+        shown = quantities(self.problem, z, data)
         return max(
             convergence.required_length(z, longest),
-            convergence.required_length(angles, longest, margin=1.0),
+            convergence.required_length(shown, longest, margin=1.0),
         )
 
     def _compile(self, key: jax.Array, num_warmup: int, args: tuple, timing: Timing):

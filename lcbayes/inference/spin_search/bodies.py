@@ -31,7 +31,6 @@ NNLS_TOLERANCE = 0.01  # of ½ χ²
 TOLERANCE = 0.05  # of ½ χ², below which two steps in succession end an improvement
 PATIENT = Controls(patience=2)
 BATCH = 8, 2048  # motions at once, on a CPU and on an accelerator
-LLOYD_STEPS = 3
 
 
 class States(NamedTuple):
@@ -235,31 +234,3 @@ def _inside(x: jax.Array, dx: jax.Array, z: jax.Array, dz: jax.Array) -> jax.Arr
     """The longest step, at most 1, that keeps x and z non-negative."""
     ratio = jnp.concatenate([jnp.where(dx < 0, -x / dx, 1.0), jnp.where(dz < 0, -z / dz, 1.0)])
     return jnp.minimum(1.0, jnp.min(ratio))
-
-
-def clustered(
-    normals: Floats, areas: Floats, n_facets: int, rng: np.random.Generator
-) -> tuple[Floats, Floats]:
-    """N facets, normals (N, 3) and areas (N,), from normals (M, 3) and areas (M,) of a free body.
-
-    Spherical k-means of the normals, weighted by area, from seeds drawn as in k-means++. Different
-    draws give different facets.
-
-    References
-    ----------
-    Arthur & Vassilvitskii 2007, Proc. SODA, 1027.
-    """
-    inside = areas > 1e-3 * areas.max()
-    weight, points = areas[inside], normals[inside]
-    centres = points[[rng.choice(len(weight), p=weight / weight.sum())]]
-    while len(centres) < n_facets:
-        far = weight * (1.0 - (points @ centres.T).max(axis=1)).clip(1e-9)
-        centres = np.vstack([centres, points[rng.choice(len(weight), p=far / far.sum())]])
-    for _ in range(LLOYD_STEPS):
-        nearest = np.argmax(points @ centres.T, axis=1)
-        total = np.zeros((n_facets, 3))
-        np.add.at(total, nearest, weight[:, None] * points)
-        length = np.linalg.norm(total, axis=1, keepdims=True)
-        centres = np.where(length > 1e-12, total / np.maximum(length, 1e-12), centres)
-    sizes = np.bincount(nearest, weight, n_facets)
-    return centres, np.maximum(sizes, 0.02 * sizes.max())

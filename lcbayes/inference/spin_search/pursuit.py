@@ -12,11 +12,12 @@ Pati, Rezaiifar & Krishnaprasad 1993, Proc. 27th Asilomar Conf., 40.
 from __future__ import annotations
 
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes.core.blocks import each, together
+from lcbayes.core.blocks import each, in_blocks, together
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.threads import threads
 from lcbayes.inference.spin_search.arcs import Arcs
@@ -26,9 +27,25 @@ from lcbayes.physics.brightness import DiffuseLaw
 Floats = NDArray[np.float64]
 
 BATCH = 64, 2048  # motions at once, on a CPU and on an accelerator
-SWEEPS = 2  # in which each facet is taken away once
+SWEEPS = 2
 NEW = 1e-6  # part of a column that must be perpendicular to those of the other facets
 SMALLEST = 0.02  # area of a facet, relative to the largest
+
+
+class Pursued(NamedTuple):
+    """Bodies at given motions.
+
+    Attributes
+    ----------
+    rows : (n, N)
+        Of the normals of the facets.
+    areas : (n, N) m²
+    chi2 : (n,)
+    """
+
+    rows: NDArray[np.int64]
+    areas: Floats
+    chi2: Floats
 
 
 def pursued(
@@ -38,8 +55,10 @@ def pursued(
     normals: Floats,
     n_facets: int,
     workers: int,
-) -> tuple[NDArray[np.int64], Floats]:
-    """Rows of normals (n, N) and areas (n, N) of the facets at each of n motions.
+    sweeps: int = SWEEPS,
+    first: NDArray[np.int64] | None = None,
+) -> Pursued:
+    """The facets at each of n motions.
 
     Parameters
     ----------
@@ -51,35 +70,42 @@ def pursued(
         In the axes of `series.frame` of the pole, turned by the phase.
     n_facets : int
     workers : int
+    sweeps : int
+        In which each facet is taken away once.
+    first : (n,), optional
+        Rows of the normal of a facet that each body has in any case.
     """
-    grid, size = jnp.asarray(normals), together(*BATCH)
+    grid = jnp.asarray(normals)
+    rows = motion if first is None else (*motion, first)
 
-    def some(rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], Floats]:
-        at = (jnp.asarray(x[np.resize(rows, size)]) for x in motion)
-        chosen, areas = _pursued(law, n_facets, grid, arcs, *at)
-        return np.asarray(chosen)[: rows.size], np.asarray(areas)[: rows.size]
+    def some(*rows: jax.Array) -> Pursued:
+        return _pursued(law, n_facets, sweeps, grid, arcs, *map(jnp.asarray, rows))
 
-    rows = np.arange(len(motion[1]))
     with threads(workers) as pool:
-        parts = list(pool.map(some, (rows[i : i + size] for i in range(0, rows.size, size))))
-    chosen, areas = (np.concatenate(x) for x in zip(*parts, strict=True))
-    return chosen, areas
+        return in_blocks(some, together(*BATCH), *rows, over=pool.map)
 
 
-@partial(jax.jit, static_argnums=(0, 1))
-def _pursued(law: DiffuseLaw, n_facets: int, grid, arcs: Arcs, pole, rate, phase):
+@partial(jax.jit, static_argnums=(0, 1, 2))
+def _pursued(law: DiffuseLaw, n_facets: int, sweeps: int, grid, arcs: Arcs, *rows):
     white = arcs.white.ravel()
 
-    def one(motion):
-        pole, rate, phase = motion
+    def one(row):
+        pole, rate, phase, *first = row
         angle = (rate * arcs.dt + phase[:, None]).ravel()
-        return pursuit(design_matrix(law, grid, arcs, pole, angle), white, n_facets)
+        columns = design_matrix(law, grid, arcs, pole, angle)
+        chosen, areas = pursuit(columns, white, n_facets, *first, sweeps=sweeps)
+        left = white - columns[:, chosen] @ areas
+        return Pursued(chosen, areas, left @ left)
 
-    return each(one, (pole, rate, phase))
+    return each(one, rows)
 
 
 def pursuit(
-    columns: jax.Array, white: jax.Array, n_facets: int, first: jax.Array | None = None
+    columns: jax.Array,
+    white: jax.Array,
+    n_facets: int,
+    first: jax.Array | None = None,
+    sweeps: int = SWEEPS,
 ) -> tuple[jax.Array, jax.Array]:
     """Indices (N,) of columns (T, M), and their positive coefficients (N,), for the data (T,).
 
@@ -125,7 +151,7 @@ def pursuit(
         chosen, used = chosen.at[0].set(first), used.at[0].set(True)
     if n_facets > given:
         start = products, chosen, used, jnp.zeros(())
-        steps = (1 + SWEEPS) * (n_facets - given)
+        steps = (1 + sweeps) * (n_facets - given)
         products, chosen, used, _ = jax.lax.fori_loop(0, steps, step, start)
     area = areas(products, chosen, used)
     return chosen, jnp.maximum(area, SMALLEST * jnp.max(area) + 1e-300)

@@ -46,15 +46,23 @@ class Stage:
     steps: int
 
 
+class Ranking(NamedTuple):
+    """Matching pursuit by which cells are ordered."""
+
+    facets: int
+    normals: int
+    sweeps: int
+
+
 FREE = (Stage(0.05, 100, 7), Stage(0.01, 250, 6))  # with free phases between arcs
 STATES = (240, 60)  # improved in each of these stages
-CONSTANT = Stage(0.03, 120, 0)
 ALIASES = 24  # constant spins tried near each of the last states
 CELLS = 1000  # cells tried as they are
 STRAY = 3.0  # rad over the time base by which a spin may leave the allowed rates
 SLOW_TURNS = 40.0  # over the time base
 SLOW_ERROR = 0.06  # of the series, as `SERIES_ERROR`: slow cells are smaller in phase
 PURSUED = 500  # normals of matching pursuit
+RANKED = Ranking(facets=4, normals=160, sweeps=1)
 # Rounds of successive halving of these bodies: see `inference.search`.
 ROUNDS = ((1.0, 2, 0.4), (1.0, 6, 0.35), (1.0, 12, 0.3), (1.0, 30, 0.25), (1.0, 150, 1.0))
 
@@ -104,6 +112,14 @@ def complete_search(
     return with_bodies(problem, data, options, spins, workers, progress), spins.coverage
 
 
+class Motions(NamedTuple):
+    """Poles (n, 3), rates (n,) rad/s and phases (n, A) rad, as in `States`."""
+
+    pole: Floats
+    rate: Floats
+    phase: Floats
+
+
 @dataclass(frozen=True)
 class Spins:
     """Constant spins, each with a free body, and what the search for them covered.
@@ -113,13 +129,12 @@ class Spins:
     Attributes
     ----------
     run : _Refinement
-    states : States
-        The best first.
+    motions : Motions
     coverage : Coverage
     """
 
     run: _Refinement
-    states: States
+    motions: Motions
     coverage: Coverage
 
 
@@ -142,10 +157,10 @@ def find_spins(
     slow_cells = _slow(grid, points, workers, progress, kept.within("slow"))
     run = _Refinement(points, grid, law, total, workers)
     with progress.stage("improving spins", sum(STATES), "spins") as bar:
-        motions = run.constant([cells, slow_cells], run.free(cells, bar, kept))
-    with progress.stage("trying spins", motions.rate.size, "spins") as bar:
-        spins = kept.once("constant", States, lambda: run.improved(motions, CONSTANT, bar))
-    return Spins(run, spins, coverage)
+        free = run.free(cells, bar, kept)
+        every = [cells, run.by_facets(cells), slow_cells]
+        motions = kept.once("constant", Motions, lambda: run.constant(every, free))
+    return Spins(run, motions, coverage)
 
 
 def with_bodies(
@@ -159,7 +174,7 @@ def with_bodies(
 ) -> SearchState:
     """Optima of bodies of N facets at spins, best first; ``further`` are more starts (n, D)."""
     run, n, omega_sd = spins.run, int(options["n_facets"]), float(options["omega_sd"])
-    starts = run.bodies(problem, data, spins.states, n, omega_sd)
+    starts = run.bodies(problem, data, spins.motions, n, omega_sd)
     if further is not None:
         starts = np.concatenate([starts, further])
     ends = search.successive_halving(
@@ -187,14 +202,6 @@ def _slow(
     return slower.search(workers, progress, SURVIVORS, kept)[0]
 
 
-class _Motions(NamedTuple):
-    """Poles (n, 3), rates (n,) rad/s and phases (n, A) rad, as in `States`."""
-
-    pole: Floats
-    rate: Floats
-    phase: Floats
-
-
 @dataclass(frozen=True)
 class _Refinement:
     """From the cells that survive to bodies at constant spins."""
@@ -210,17 +217,17 @@ class _Refinement:
         rows = states.representatives(self.grid, cells, STATES[0])
         rate = cells.rate[rows]
         phase = rate[:, None] * np.asarray(self.grid.arcs.middle)
-        at = _Motions(self.grid.poles[cells.pole[rows]], rate, phase)
+        at = Motions(self.grid.poles[cells.pole[rows]], rate, phase)
         for i, stage in enumerate(FREE):
             improved = kept.once(
-                f"free-{i}", States, lambda m=at, s=stage: self.improved(m, s, bar, free=True)
+                f"free-{i}", States, lambda m=at, s=stage: self.improved(m, s, bar)
             )
             most = STATES[min(i + 1, len(FREE) - 1)]
             improved = improved.at(states.distinct(improved, self.grid.arcs.duration, most))
-            at = _Motions(improved.pole, improved.rate, improved.phase)
+            at = Motions(improved.pole, improved.rate, improved.phase)
         return improved
 
-    def constant(self, cells: Sequence[Cells | None], free: States) -> _Motions:
+    def constant(self, cells: Sequence[Cells | None], free: States) -> Motions:
         """Constant spins of the best cells, and those that fit the phases of states.
 
         Slow spins turn little within an arc, so that free phases hardly constrain them; there, the
@@ -238,39 +245,45 @@ class _Refinement:
             pole = np.broadcast_to(free.pole[i], (rate.size, 3))
             parts.append((pole, rate, origin + rate * self._middle))
         pole, rate, phase = (np.concatenate(x) for x in zip(*parts, strict=True))
-        return _Motions(pole, rate, phase[:, None])
+        return Motions(pole, rate, phase[:, None])
+
+    def by_facets(self, cells: Cells) -> Cells:
+        """Cells in the order of the fit of a few facets.
+
+        The evidence of a random body leaves out what its series does not resolve, which tells
+        slow motions apart.
+        """
+        motion = self.grid.poles[cells.pole], cells.rate, np.zeros((cells.rate.size, 1))
+        arcs, normals = Arcs.whole(self.points, 0.0), facets.grid(RANKED.normals)
+        fit = pursued(arcs, motion, self.law, normals, RANKED.facets, self.workers, RANKED.sweeps)
+        return cells.at(np.argsort(fit.chi2, kind="stable"))
 
     def bodies(
-        self, problem: Problem, data: Epochs, spins: States, n_facets: int, omega_sd: float
+        self, problem: Problem, data: Epochs, spins: Motions, n_facets: int, omega_sd: float
     ) -> Floats:
         """Unconstrained vectors (2 n, D) of bodies of N facets, two at each constant spin.
 
-        One has the free areas in N clusters, and the other is chosen by matching pursuit.
+        Both are chosen by matching pursuit, one of them with a random facet.
         """
-        clusters, places = facets.grid(CONSTANT.normals), facets.grid(PURSUED)
-        arcs = Arcs.whole(self.points, 0.0)
-        motion = spins.pole, spins.rate, spins.phase
-        chosen = pursued(arcs, motion, self.law, places, n_facets, self.workers)
+        places, arcs = facets.grid(PURSUED), Arcs.whole(self.points, 0.0)
         rng = np.random.default_rng(0)
+        first = rng.integers(len(places), size=spins.rate.size)
+        chosen = [
+            pursued(arcs, spins, self.law, places, n_facets, self.workers, first=one)
+            for one in (None, first)
+        ]
         parts = []
         for i, rate in enumerate(spins.rate):
             angle = spins.phase[i, 0] - rate * self._middle  # at t = 0
             axes = (np.asarray(frame(jnp.asarray(spins.pole[i]))) @ _about_z(angle)).T
-            omega, (rows, areas) = spins.pole[i] * rate, (x[i] for x in chosen)
-            parts.append((omega, *bodies.clustered(clusters @ axes, spins.areas[i], n_facets, rng)))
-            parts.append((omega, places[rows] @ axes, areas))
+            omega = spins.pole[i] * rate
+            parts += [(omega, places[fit.rows[i]] @ axes, fit.areas[i]) for fit in chosen]
         every = Bodies(*(np.stack(x) for x in zip(*parts, strict=True)))
         return starts(problem, data, every, omega_sd)
 
-    def improved(
-        self, motions: _Motions, stage: Stage, bar: Track, *, free: bool = False
-    ) -> States:
-        """States improved with the normals of a stage, best first."""
-        arcs = (
-            Arcs.of(self.points, self.grid.allowed.fastest, stage.error)
-            if free
-            else Arcs.whole(self.points, stage.error)
-        )
+    def improved(self, motions: Motions, stage: Stage, bar: Track) -> States:
+        """States improved with free phases and the normals of a stage, best first."""
+        arcs = Arcs.of(self.points, self.grid.allowed.fastest, stage.error)
         improved = bodies.improved(
             arcs,
             motions,

@@ -105,10 +105,10 @@ def calibrate(
     Talts et al. 2018, arXiv:1804.06788; Modrák et al. 2023, Bayesian Analysis (arXiv:2211.02383).
     """
     from lcbayes.core.jax_setup import jax
-    from lcbayes.inference.fit import constrain_draws
     from lcbayes.inference.prior_mass import accepted
     from lcbayes.inference.problem_cache import build_problem
     from lcbayes.modelling import registry
+    from lcbayes.modelling.constrained import constrain_draws
     from lcbayes.modelling.epochs import Epochs
     from lcbayes.modelling.problem import compiled
     from lcbayes.results.draws import pointwise, weighted_draws

@@ -13,6 +13,7 @@ from lcbayes.inference.modes import left_out, unsampled
 from lcbayes.inference.search import SearchState
 from lcbayes.inference.solutions import Solution
 from lcbayes.modelling import registry
+from lcbayes.modelling.constrained import constrain_draws
 from lcbayes.results.reasons import reason as sentence
 from lcbayes.samplers import bridge
 from lcbayes.samplers.settings import Settings
@@ -103,7 +104,7 @@ def test_one_facet_posterior_against_quadrature(one_facet):
     assert len(found.modes) == 1
     # Integrate over directions and ln α: the radius carries nothing, its density integrates to 1.
     centre = found.modes[0].z.reshape(-1, problem.dim)
-    sites = fit.constrain_draws(problem, found.modes[0].z, data)
+    sites = constrain_draws(problem, found.modes[0].z, data)
     g0, phi0 = sites["g"].ravel(), sites["phi"].ravel()
     log0 = sites["log_albedo_area"].ravel()
     axes = [

@@ -12,8 +12,8 @@ from scipy.stats import multivariate_normal
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jnp
-from lcbayes.inference.fit import constrain_draws
 from lcbayes.modelling import nuisances, nutation, registry
+from lcbayes.modelling.constrained import constrain_draws
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
 from lcbayes.physics import brightness

@@ -72,14 +72,12 @@ def test_chains_that_disagree_about_a_direction_are_extended():
     v += 0.01 * rng.standard_normal(v.shape)
     length = 1 + 0.1 * rng.standard_normal((4, 750, 1))
     z[..., rows] = length * v / np.linalg.norm(v, axis=-1, keepdims=True)
-    angles = problem.angles(z)
-    assert angles.shape == (4, 750, 2)
-    np.testing.assert_allclose(angles[..., 1], v[..., 2] / np.linalg.norm(v, axis=-1))
+    polar = v[..., 2:] / np.linalg.norm(v, axis=-1, keepdims=True)
     assert required_length(z, 3000) == 750
-    assert required_length(angles, 3000, margin=1.0) > 750
+    assert required_length(polar, 3000, margin=1.0) > 750
     settings = Settings(num_warmup=50)
-    assert Sampler(problem, settings, 1)._required_length(z) > 750
-    assert Sampler(problem, settings, 1)._required_length(z[..., ::-1, :][:1]) == 750
+    assert Sampler(problem, settings, 1)._required_length(z, data) > 750
+    assert Sampler(problem, settings, 1)._required_length(z[..., ::-1, :][:1], data) == 750
 
 
 def test_who_asks_for_a_number_gets_it():
