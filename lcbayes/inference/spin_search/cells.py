@@ -37,7 +37,7 @@ BLOCK = 512  # cells of one pole in one program
 BUDGET = 150_000  # cells evaluated at each level after the first
 MIN_KEPT = 2000  # cells divided at each level
 MARGIN = 150.0  # nats below the best at which cells are dropped
-CELLS, LEVEL, EVALUATED = "cells", "level", "evaluated"  # in a checkpoint
+STATES, CELLS, LEVEL, EVALUATED = "states", "cells", "level", "evaluated"  # in a checkpoint
 
 
 class Cells(NamedTuple):
@@ -114,6 +114,24 @@ class Coverage:
         max_rate, sky, cells, evaluated, survivors, *ends = arrays.pop("coverage").tolist()
         ranges = tuple(zip(ends[::2], ends[1::2], strict=True))
         return cls(max_rate, int(cells), int(evaluated), int(survivors), ranges, sky)
+
+
+class Found(NamedTuple):
+    """What a search found.
+
+    Attributes
+    ----------
+    cells : Cells
+        Over the whole time base.
+    states : Cells
+        Over the first two arcs, in which a rate stands for all that differ by whole turns between
+        these arcs. They are fewer, and reach further down in evidence.
+    coverage : Coverage
+    """
+
+    cells: Cells
+    states: Cells
+    coverage: Coverage
 
 
 @dataclass(frozen=True)
@@ -237,27 +255,25 @@ class Grid:
 
     def search(
         self, workers: int, progress: Silent, most: int, kept: Checkpoint | None = None
-    ) -> tuple[Cells, Coverage]:
-        """The best cells over the whole time base, best first.
+    ) -> Found:
+        """The best cells over the whole time base and states of the first two arcs, best first.
 
-        The cells of each level are saved in ``kept``, from which an interrupted search goes on.
+        Both are saved in ``kept``, the cells of each level, from which an interrupted search goes
+        on.
         """
         kept = kept or Checkpoint(None, {})
         rate, width = self.pairs()
-        number = evaluated = rate.size * len(self.poles)
-        stored = kept.load(CELLS)
+        number = rate.size * len(self.poles)
+        stored = kept.load(STATES)
         with progress.stage("searching spins", number if stored is None else 0, "cells") as bar:
-            if stored is not None:
+            if stored is None:
+                stored = self.states(rate, width, workers, bar)._asdict()
+                kept.save(STATES, stored)
+            states = Cells(**stored)
+            cells, level, evaluated = self.with_aliases(states), min(2, self.n_arcs), number
+            if (stored := kept.load(CELLS)) is not None:
                 level, evaluated = (int(stored.pop(k)) for k in (LEVEL, EVALUATED))
-                width = float(stored["width"])
-                cells = Cells(stored["pole"], stored["rate"], width, stored["score"])
-            else:
-                pole = np.repeat(np.arange(len(self.poles)), rate.size)
-                rate = np.tile(rate, len(self.poles))
-                level = min(2, self.n_arcs)
-                score = self.score(pole, rate, level, workers, bar)
-                cells = self.with_aliases(Cells(pole, rate, width, score))
-                kept.save(CELLS, cells.stored(level, evaluated))
+                cells = Cells(**stored)
             for n_arcs in range(level + 1, self.n_arcs + 1):
                 cells = self.divided(cells, n_arcs)
                 bar.more(cells.rate.size)
@@ -266,7 +282,14 @@ class Grid:
                 cells = cells._replace(score=score)
                 kept.save(CELLS, cells.stored(n_arcs, evaluated))
         cells = cells.kept(most)
-        return cells, self.coverage(evaluated, cells.rate.size)
+        return Found(cells, states, self.coverage(evaluated, cells.rate.size))
+
+    def states(self, rate: Floats, width: float, workers: int, bar: Track) -> Cells:
+        """Cells of the first two arcs, in which each rate stands for all its aliases."""
+        pole = np.repeat(np.arange(len(self.poles)), rate.size)
+        rate = np.tile(rate, len(self.poles))
+        score = self.score(pole, rate, min(2, self.n_arcs), workers, bar)
+        return Cells(pole, rate, np.float64(width), score).kept(BUDGET // 2)
 
     def coverage(self, evaluated: int, survivors: int) -> Coverage:
         """What the cells cover."""

@@ -47,8 +47,10 @@ class Stage:
 
 
 class Ranking(NamedTuple):
-    """Matching pursuit by which cells are ordered."""
+    """The most cells ordered by matching pursuit, the relative error of its bodies, and how."""
 
+    most: int
+    error: float
     facets: int
     normals: int
     sweeps: int
@@ -62,7 +64,7 @@ STRAY = 3.0  # rad over the time base by which a spin may leave the allowed rate
 SLOW_TURNS = 40.0  # over the time base
 SLOW_ERROR = 0.06  # of the series, as `SERIES_ERROR`: slow cells are smaller in phase
 PURSUED = 500  # normals of matching pursuit
-RANKED = Ranking(facets=4, normals=160, sweeps=1)
+RANKED = Ranking(most=20_000, error=0.05, facets=4, normals=160, sweeps=1)
 # Rounds of successive halving of these bodies: see `inference.search`.
 ROUNDS = ((1.0, 2, 0.4), (1.0, 6, 0.35), (1.0, 12, 0.3), (1.0, 30, 0.25), (1.0, 150, 1.0))
 
@@ -86,9 +88,11 @@ def complete_search(
 
     1. Every cell of pole and rate gets the evidence of a random body (`series`), from the closest
        pair of passes to all (`cells`).
-    2. The best distinct states are improved with free albedo-areas on a grid of normals and free
-       phases between arcs (`bodies`).
-    3. Bodies of N facets are optimised with the posterior itself at the constant spins that fit
+    2. The best are ordered once more by bodies of a few facets (`pursuit`). Between two passes,
+       whole turns make no difference to the evidence, and one cell then stands for all of them.
+    3. The best distinct states by either order are improved with free albedo-areas on a grid of
+       normals and free phases between arcs (`bodies`).
+    4. Bodies of N facets are optimised with the posterior itself at the constant spins that fit
        these phases (`states`), and at those of the best cells.
 
     Parameters
@@ -122,7 +126,7 @@ class Motions(NamedTuple):
 
 @dataclass(frozen=True)
 class Spins:
-    """Constant spins, each with a free body, and what the search for them covered.
+    """Constant spins, and what the search for them covered.
 
     They do not depend on a number of facets.
 
@@ -153,14 +157,16 @@ def find_spins(
     total = total_area(series, points.sun, points.obs, points.flux)
     arcs = Arcs.of(points, allowed.fastest, SERIES_ERROR)
     grid = Grid.of(series, arcs, precision(series, total), allowed)
-    cells, coverage = grid.search(workers, progress, SURVIVORS, kept)
+    found = grid.search(workers, progress, SURVIVORS, kept)
     slow_cells = _slow(grid, points, workers, progress, kept.within("slow"))
     run = _Refinement(points, grid, law, total, workers)
-    with progress.stage("improving spins", sum(STATES), "spins") as bar:
+    with progress.stage("improving spins", 2 * STATES[0] + STATES[1], "spins") as bar:
+        cells = [found.cells, run.by_facets(found.cells if grid.n_arcs > 2 else found.states)]
         free = run.free(cells, bar, kept)
-        every = [cells, run.by_facets(cells), slow_cells]
-        motions = kept.once("constant", Motions, lambda: run.constant(every, free))
-    return Spins(run, motions, coverage)
+        if slow_cells is not None:
+            cells.append(slow_cells)
+        motions = kept.once("constant", Motions, lambda: run.constant(cells, free))
+    return Spins(run, motions, found.coverage)
 
 
 def with_bodies(
@@ -199,7 +205,7 @@ def _slow(
         return None
     arcs = Arcs.of(points, grid.allowed.fastest, SLOW_ERROR)
     slower = Grid.of(grid.series, arcs, grid.prior, slow)
-    return slower.search(workers, progress, SURVIVORS, kept)[0]
+    return slower.search(workers, progress, SURVIVORS, kept).cells
 
 
 @dataclass(frozen=True)
@@ -212,12 +218,11 @@ class _Refinement:
     total_area: float
     workers: int
 
-    def free(self, cells: Cells, bar: Track, kept: Checkpoint) -> States:
-        """States improved with free phases between the arcs, best first."""
-        rows = states.representatives(self.grid, cells, STATES[0])
-        rate = cells.rate[rows]
-        phase = rate[:, None] * np.asarray(self.grid.arcs.middle)
-        at = Motions(self.grid.poles[cells.pole[rows]], rate, phase)
+    def free(self, cells: Sequence[Cells], bar: Track, kept: Checkpoint) -> States:
+        """States of the best cells improved with free phases between the arcs, best first."""
+        best = [c.at(states.representatives(self.grid, c, STATES[0])) for c in cells]
+        pole, rate = (np.concatenate([getattr(c, k) for c in best]) for k in ("pole", "rate"))
+        at = self.motions(pole, rate)
         for i, stage in enumerate(FREE):
             improved = kept.once(
                 f"free-{i}", States, lambda m=at, s=stage: self.improved(m, s, bar)
@@ -227,7 +232,13 @@ class _Refinement:
             at = Motions(improved.pole, improved.rate, improved.phase)
         return improved
 
-    def constant(self, cells: Sequence[Cells | None], free: States) -> Motions:
+    def motions(self, pole: NDArray[np.int64], rate: Floats) -> Motions:
+        """Constant spins, with their phases at the middle of each arc."""
+        return Motions(
+            self.grid.poles[pole], rate, rate[:, None] * np.asarray(self.grid.arcs.middle)
+        )
+
+    def constant(self, cells: Sequence[Cells], free: States) -> Motions:
         """Constant spins of the best cells, and those that fit the phases of states.
 
         Slow spins turn little within an arc, so that free phases hardly constrain them; there, the
@@ -235,7 +246,7 @@ class _Refinement:
         """
         span = float(np.ptp(self.points.t))
         parts = []
-        for some in (c for c in cells if c is not None):
+        for some in cells:
             rows = states.representatives(self.grid, some, CELLS, span)
             parts.append((self.grid.poles[some.pole[rows]], some.rate[rows], np.zeros(len(rows))))
         for i in range(free.rate.size):
@@ -248,13 +259,14 @@ class _Refinement:
         return Motions(pole, rate, phase[:, None])
 
     def by_facets(self, cells: Cells) -> Cells:
-        """Cells in the order of the fit of a few facets.
+        """The best cells in the order in which a few facets fit.
 
-        The evidence of a random body leaves out what its series does not resolve, which tells
-        slow motions apart.
+        The evidence of a random body leaves out what its series does not resolve. Bright data tell
+        motions apart by that.
         """
-        motion = self.grid.poles[cells.pole], cells.rate, np.zeros((cells.rate.size, 1))
-        arcs, normals = Arcs.whole(self.points, 0.0), facets.grid(RANKED.normals)
+        cells = cells.at(np.arange(min(RANKED.most, cells.rate.size)))
+        arcs = Arcs.of(self.points, self.grid.allowed.fastest, RANKED.error)
+        motion, normals = self.motions(cells.pole, cells.rate), facets.grid(RANKED.normals)
         fit = pursued(arcs, motion, self.law, normals, RANKED.facets, self.workers, RANKED.sweeps)
         return cells.at(np.argsort(fit.chi2, kind="stable"))
 

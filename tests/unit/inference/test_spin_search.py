@@ -178,7 +178,7 @@ def test_every_rate_lies_within_half_a_width_of_a_cell(grid: Grid):
 
 
 def test_the_true_cell_is_among_the_best(grid: Grid, truth: Truth):
-    result, coverage = grid.search(1, Silent(), 60_000)
+    result, _, coverage = grid.search(1, Silent(), 60_000)
     rate = np.linalg.norm(truth.omega)
     near = grid.poles[result.pole] @ truth.omega / rate > np.cos(np.radians(9.0))
     near &= np.abs(result.rate - rate) * GAP < 1.5
@@ -214,7 +214,7 @@ TRUE_POLE = "308.66,39.79,15"  # of Truth.omega
 def test_a_search_visits_the_spins_that_are_known(grid: Grid, truth: Truth, period, pole, inside):
     """The truth is among the best cells if it is allowed; otherwise no cell is near it."""
     few = restricted(grid, period, pole)
-    result, coverage = few.search(1, Silent(), 60_000)
+    result, _, coverage = few.search(1, Silent(), 60_000)
     rate = np.linalg.norm(truth.omega)
     near = np.abs(few.poles[result.pole] @ truth.omega) / rate > np.cos(np.radians(9.0))
     near &= np.abs(result.rate - rate) * GAP < 1.5
@@ -269,17 +269,17 @@ def test_a_stopped_search_of_cells_goes_on(tmp_path, grid: Grid):
     third = replace_arcs(points)
     allowed = Allowed(((0.019, 0.023),))
     whole = Grid.of(grid.series, third, grid.prior, allowed)
-    cells, coverage = whole.search(1, Silent(), 500)
+    found = whole.search(1, Silent(), 500)
     counted = Counted(**vars(whole))
     for n, again in ((1, 1), (2, 0)):
         folder = tmp_path / str(n)
         with pytest.raises(KeyboardInterrupt):
             whole.search(1, Silent(), 500, Stopped(folder, n))
         Counted.evaluations = 0
-        resumed, covered = counted.search(1, Silent(), 500, Checkpoint(folder, {}))
+        resumed = counted.search(1, Silent(), 500, Checkpoint(folder, {}))
         assert Counted.evaluations == again
-        assert covered == coverage
-        for a, b in zip(resumed, cells, strict=True):
+        assert resumed.coverage == found.coverage
+        for a, b in zip(resumed.cells + resumed.states, found.cells + found.states, strict=True):
             np.testing.assert_array_equal(a, b)
 
 
@@ -296,7 +296,6 @@ def test_a_stopped_search_ends_as_an_uninterrupted_one(tmp_path, truth: Truth, m
     """Stopped at every save, with few states so that it is quick."""
     monkeypatch.setattr(complete, "FREE", (Stage(0.05, 60, 2), Stage(0.02, 80, 2)))
     monkeypatch.setattr(complete, "STATES", (12, 6))
-    monkeypatch.setattr(complete, "CONSTANT", Stage(0.03, 60, 0))
     monkeypatch.setattr(complete, "ALIASES", 4)
     monkeypatch.setattr(complete, "CELLS", 20)
     entry, data = registry.find("faceted"), Epochs.of(truth.curve)
