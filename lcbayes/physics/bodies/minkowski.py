@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -173,7 +173,7 @@ def _solve(n: Floats, target: Floats) -> _Cut:
         else:
             break
         h = trial - n @ new.centroid  # keep the origin well inside
-        body = _cut(n, h)
+        body = new.centred
     error = np.max(np.abs(body.areas / body.areas.sum() - target)) * len(n)
     if not error <= MAX_AREA_ERROR:
         raise InputError(f"the shape was not found: an area is off by {error:.2g} of the mean area")
@@ -194,6 +194,11 @@ class _Cut:
     volume: float
     centroid: Floats
     jacobian: Floats
+
+    @property
+    def centred(self) -> _Cut:
+        """The same polyhedron with its centroid at the origin."""
+        return replace(self, corners=self.corners - self.centroid, centroid=np.zeros(3))
 
 
 def _cut(normals: Floats, h: Floats) -> _Cut:
@@ -232,10 +237,12 @@ def _cut(normals: Floats, h: Floats) -> _Cut:
 
 def _newton_step(normals: Floats, body: _Cut, gradient: Floats) -> Floats:
     """The Newton step of Σ Aᵢ hᵢ − log V, orthogonal to the three translations."""
+    from scipy.linalg import cho_factor, cho_solve
+
     hessian = np.outer(body.areas, body.areas) / body.volume**2 - body.jacobian / body.volume
     typical = np.mean(np.diag(hessian))
     hessian += typical * (normals @ normals.T) / len(normals)  # no curvature along the translations
-    return -np.linalg.solve(hessian, gradient)
+    return -cho_solve(cho_factor(hessian, overwrite_a=True), gradient)
 
 
 def _faces(normals: Floats, body: _Cut) -> tuple[Floats, list[NDArray[np.integer]]]:
@@ -245,9 +252,13 @@ def _faces(normals: Floats, body: _Cut) -> tuple[Floats, list[NDArray[np.integer
         np.round(body.corners / scale, 9) + 0.0, axis=0, return_index=True, return_inverse=True
     )
     vertices, same = body.corners[first], same.ravel()
+    # each vertex once for each facet that meets there, by facet
+    meet = np.unique(
+        np.stack([body.around, np.repeat(same[:, None], 3, axis=1)], -1).reshape(-1, 2), axis=0
+    )
+    every = np.split(meet[:, 1], np.searchsorted(meet[:, 0], np.arange(1, len(normals))))
     faces = []
-    for i, normal in enumerate(normals):
-        face = np.unique(same[np.any(body.around == i, axis=1)])
+    for normal, face in zip(normals, every, strict=True):
         if len(face) < 3:
             faces.append(face[:0])
             continue
