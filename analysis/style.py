@@ -46,6 +46,7 @@ RC: dict[str, Any] = {
     "legend.fontsize": 8.5,
     "svg.hashsalt": "lcbayes",  # identical results give identical files
     "svg.fonttype": "path",
+    "pdf.fonttype": 42,  # TrueType, which journals and editors of figures ask for
 }
 
 

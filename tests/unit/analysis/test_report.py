@@ -94,6 +94,8 @@ def test_same_results_give_the_same_page_and_leave_nothing_behind(faceted, tmp_p
         ".lock",
     }
     assert {p.suffix for p in (copy / "figures").iterdir()} == {".svg", ".pdf"}
+    pdf = [p.read_bytes() for p in (copy / "figures").glob("*.pdf")]
+    assert not any(b"/Type3" in file for file in pdf)  # journals refuse such fonts
 
 
 def test_sections_come_in_order(faceted):
