@@ -69,6 +69,12 @@ class Cells(NamedTuple):
         every = self._asdict() | {LEVEL: level, EVALUATED: evaluated}
         return {name: np.asarray(value) for name, value in every.items()}
 
+    @classmethod
+    def restored(cls, arrays: dict[str, NDArray]) -> Cells:
+        """The cells of a checkpoint."""
+        pole, rate, score = (arrays[name] for name in ("pole", "rate", "score"))
+        return cls(pole, rate, float(arrays["width"]), score)
+
     def at(self, rows: NDArray[Any]) -> Cells:
         """Some of the cells, by index or mask."""
         return self._replace(pole=self.pole[rows], rate=self.rate[rows], score=self.score[rows])
@@ -266,14 +272,16 @@ class Grid:
         number = rate.size * len(self.poles)
         stored = kept.load(STATES)
         with progress.stage("searching spins", number if stored is None else 0, "cells") as bar:
+            level, evaluated = min(2, self.n_arcs), number
             if stored is None:
-                stored = self.states(rate, width, workers, bar)._asdict()
-                kept.save(STATES, stored)
-            states = Cells(**stored)
-            cells, level, evaluated = self.with_aliases(states), min(2, self.n_arcs), number
+                states = self.states(rate, width, workers, bar)
+                kept.save(STATES, states.stored(level, evaluated))
+            else:
+                states = Cells.restored(stored)
+            cells = self.with_aliases(states)
             if (stored := kept.load(CELLS)) is not None:
-                level, evaluated = (int(stored.pop(k)) for k in (LEVEL, EVALUATED))
-                cells = Cells(**stored)
+                level, evaluated = (int(stored[k]) for k in (LEVEL, EVALUATED))
+                cells = Cells.restored(stored)
             for n_arcs in range(level + 1, self.n_arcs + 1):
                 cells = self.divided(cells, n_arcs)
                 bar.more(cells.rate.size)
@@ -289,7 +297,7 @@ class Grid:
         pole = np.repeat(np.arange(len(self.poles)), rate.size)
         rate = np.tile(rate, len(self.poles))
         score = self.score(pole, rate, min(2, self.n_arcs), workers, bar)
-        return Cells(pole, rate, np.float64(width), score).kept(BUDGET // 2)
+        return Cells(pole, rate, width, score).kept(BUDGET // 2)
 
     def coverage(self, evaluated: int, survivors: int) -> Coverage:
         """What the cells cover."""

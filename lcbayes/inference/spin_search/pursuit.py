@@ -27,7 +27,7 @@ from lcbayes.physics.brightness import DiffuseLaw
 Floats = NDArray[np.float64]
 
 BATCH = 64, 2048  # motions at once, on a CPU and on an accelerator
-SWEEPS = 2
+SWEEPS = 2  # by default: see `pursued`
 NEW = 1e-6  # part of a column that must be perpendicular to those of the other facets
 SMALLEST = 0.02  # area of a facet, relative to the largest
 
@@ -79,7 +79,8 @@ def pursued(
     rows = motion if first is None else (*motion, first)
 
     def some(*rows: jax.Array) -> Pursued:
-        return _pursued(law, n_facets, sweeps, grid, arcs, *map(jnp.asarray, rows))
+        found = _pursued(law, n_facets, sweeps, grid, arcs, *map(jnp.asarray, rows))
+        return Pursued(*map(np.asarray, found))
 
     with threads(workers) as pool:
         return in_blocks(some, together(*BATCH), *rows, over=pool.map)
@@ -95,7 +96,7 @@ def _pursued(law: DiffuseLaw, n_facets: int, sweeps: int, grid, arcs: Arcs, *row
         columns = design_matrix(law, grid, arcs, pole, angle)
         chosen, areas = pursuit(columns, white, n_facets, *first, sweeps=sweeps)
         left = white - columns[:, chosen] @ areas
-        return Pursued(chosen, areas, left @ left)
+        return chosen, areas, left @ left
 
     return each(one, rows)
 
