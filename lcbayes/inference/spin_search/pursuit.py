@@ -33,14 +33,14 @@ SMALLEST = 0.02  # area of a facet, relative to the largest
 
 
 class Pursued(NamedTuple):
-    """Bodies at given motions.
+    """B bodies at each of n motions.
 
     Attributes
     ----------
-    rows : (n, N)
+    rows : (n, B, N)
         Of the normals of the facets.
-    areas : (n, N) m²
-    chi2 : (n,)
+    areas : (n, B, N) m²
+    chi2 : (n, B)
     """
 
     rows: NDArray[np.int64]
@@ -58,7 +58,7 @@ def pursued(
     sweeps: int = SWEEPS,
     first: NDArray[np.int64] | None = None,
 ) -> Pursued:
-    """The facets at each of n motions.
+    """The facets of a body at each of n motions, and of one more for each facet that is given.
 
     Parameters
     ----------
@@ -72,11 +72,11 @@ def pursued(
     workers : int
     sweeps : int
         In which each facet is taken away once.
-    first : (n,), optional
-        Rows of the normal of a facet that each body has in any case.
+    first : (n, B − 1), optional
+        Rows of the normal of a facet that each further body has in any case.
     """
     grid = jnp.asarray(normals)
-    rows = motion if first is None else (*motion, first)
+    rows = (*motion, np.zeros((len(motion[1]), 0), int) if first is None else first)
 
     def some(*rows: jax.Array) -> Pursued:
         found = _pursued(law, n_facets, sweeps, grid, arcs, *map(jnp.asarray, rows))
@@ -91,12 +91,17 @@ def _pursued(law: DiffuseLaw, n_facets: int, sweeps: int, grid, arcs: Arcs, *row
     white = arcs.white.ravel()
 
     def one(row):
-        pole, rate, phase, *first = row
+        pole, rate, phase, first = row
         angle = (rate * arcs.dt + phase[:, None]).ravel()
         columns = design_matrix(law, grid, arcs, pole, angle)
-        chosen, areas = pursuit(columns, white, n_facets, *first, sweeps=sweeps)
-        left = white - columns[:, chosen] @ areas
-        return chosen, areas, left @ left
+
+        def body(facet: jax.Array | None):
+            chosen, areas = pursuit(columns, white, n_facets, facet, sweeps)
+            left = white - columns[:, chosen] @ areas
+            return chosen, areas, left @ left
+
+        found = [body(facet) for facet in (None, *first)]
+        return jax.tree.map(lambda *x: jnp.stack(x), *found)
 
     return each(one, rows)
 

@@ -268,7 +268,7 @@ class _Refinement:
         arcs = Arcs.of(self.points, self.grid.allowed.fastest, RANKED.error)
         motion, normals = self.motions(cells.pole, cells.rate), facets.grid(RANKED.normals)
         fit = pursued(arcs, motion, self.law, normals, RANKED.facets, self.workers, RANKED.sweeps)
-        return cells.at(np.argsort(fit.chi2, kind="stable"))
+        return cells.at(np.argsort(fit.chi2[:, 0], kind="stable"))
 
     def bodies(
         self, problem: Problem, data: Epochs, spins: Motions, n_facets: int, omega_sd: float
@@ -279,17 +279,15 @@ class _Refinement:
         """
         places, arcs = facets.grid(PURSUED), Arcs.whole(self.points, 0.0)
         rng = np.random.default_rng(0)
-        first = rng.integers(len(places), size=spins.rate.size)
-        chosen = [
-            pursued(arcs, spins, self.law, places, n_facets, self.workers, first=one)
-            for one in (None, first)
-        ]
+        first = rng.integers(len(places), size=(spins.rate.size, 1))
+        fit = pursued(arcs, spins, self.law, places, n_facets, self.workers, first=first)
         parts = []
         for i, rate in enumerate(spins.rate):
             angle = spins.phase[i, 0] - rate * self._middle  # at t = 0
             axes = (np.asarray(frame(jnp.asarray(spins.pole[i]))) @ _about_z(angle)).T
             omega = spins.pole[i] * rate
-            parts += [(omega, places[fit.rows[i]] @ axes, fit.areas[i]) for fit in chosen]
+            each = zip(fit.rows[i], fit.areas[i], strict=True)
+            parts += [(omega, places[rows] @ axes, areas) for rows, areas in each]
         every = Bodies(*(np.stack(x) for x in zip(*parts, strict=True)))
         return starts(problem, data, every, omega_sd)
 

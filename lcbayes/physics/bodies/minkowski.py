@@ -237,12 +237,10 @@ def _cut(normals: Floats, h: Floats) -> _Cut:
 
 def _newton_step(normals: Floats, body: _Cut, gradient: Floats) -> Floats:
     """The Newton step of Σ Aᵢ hᵢ − log V, orthogonal to the three translations."""
-    from scipy.linalg import cho_factor, cho_solve
-
     hessian = np.outer(body.areas, body.areas) / body.volume**2 - body.jacobian / body.volume
     typical = np.mean(np.diag(hessian))
     hessian += typical * (normals @ normals.T) / len(normals)  # no curvature along the translations
-    return -cho_solve(cho_factor(hessian, overwrite_a=True), gradient)
+    return -np.linalg.solve(hessian, gradient)
 
 
 def _faces(normals: Floats, body: _Cut) -> tuple[Floats, list[NDArray[np.integer]]]:

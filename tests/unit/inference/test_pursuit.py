@@ -82,15 +82,15 @@ def test_facets_of_a_turning_body_are_found():
     rates = np.array([rate, 1.3 * rate])
     motion = np.tile(pole, (2, 1)), rates, rates[:, None] * middle
     fit = pursued(arcs, motion, "lambertian", places, 2, 1)
-    order = np.argsort(fit.rows[0])
-    np.testing.assert_array_equal(fit.rows[0][order], rows)
-    np.testing.assert_allclose(fit.areas[0][order], areas, rtol=0.01)
+    order = np.argsort(fit.rows[0, 0])
+    np.testing.assert_array_equal(fit.rows[0, 0][order], rows)
+    np.testing.assert_allclose(fit.areas[0, 0][order], areas, rtol=0.01)
     # at the rate of the body nothing is left, and at another rate what NumPy finds
-    assert fit.chi2[0] < 1e-6 * fit.chi2[1]
+    assert fit.chi2[0, 0] < 1e-6 * fit.chi2[1, 0]
     turned = [turning_facets.in_body_axes(v, t, 1.3 * omega) for v in (sun, obs)]
-    mu0, mu = turning_facets.cosines(turned[0], turned[1], places[fit.rows[1]] @ axes.T)
-    left = (flux - turning_facets.flux(mu0, mu, fit.areas[1])) / 1e-4
-    np.testing.assert_allclose(fit.chi2[1], left @ left, rtol=1e-6)
+    mu0, mu = turning_facets.cosines(turned[0], turned[1], places[fit.rows[1, 0]] @ axes.T)
+    left = (flux - turning_facets.flux(mu0, mu, fit.areas[1, 0])) / 1e-4
+    np.testing.assert_allclose(fit.chi2[1, 0], left @ left, rtol=1e-6)
 
 
 def test_a_facet_that_is_given_stays():
@@ -99,7 +99,9 @@ def test_a_facet_that_is_given_stays():
     flux = 1.0 + 0.1 * np.sin(t)
     points = Points(t, sun, sun, flux, np.full(30, 0.01), np.zeros(30, int), np.arange(30))
     motion = np.array([[0.0, 0.0, 1.0]] * 3), np.full(3, 0.1), np.zeros((3, 1))
-    first = np.array([4, 11, 30])
+    first = np.array([[4], [11], [30]])
     arcs, places = Arcs.whole(points, 0.0), facets.grid(50)
     fit = pursued(arcs, motion, "lambertian", places, 3, 2, first=first)
-    np.testing.assert_array_equal(fit.rows[:, 0], first)
+    np.testing.assert_array_equal(fit.rows[:, 1, :1], first)
+    alone = pursued(arcs, motion, "lambertian", places, 3, 2)
+    np.testing.assert_array_equal(fit.rows[:, :1], alone.rows)  # the other body is free of it
