@@ -13,7 +13,7 @@ from lcbayes.analysis.numerals import date, duration, percent, show
 from lcbayes.data.segments import PASS
 from lcbayes.geometry.spherical import lon_lat_deg
 from lcbayes.results.asteroid import QUANTITIES
-from lcbayes.results.reasons import FAULTS, name_of_test
+from lcbayes.results.reasons import FAULTS, name_of_test, p_words
 
 LONG = 24  # rows from which a group is collapsed
 
@@ -195,7 +195,13 @@ def residual_table(results: Results) -> dict[str, Any] | None:
     if not fit.get("tests"):
         return None
     rows = [
-        [name_of_test(t["name"]), f"{t['statistic']:.3g}", f"{t['p_value']:.2g}"]
+        [
+            name_of_test(t["name"]),
+            f"{t['statistic']:.3g}",
+            p_words(t["p_value"], t.get("upper_limit", False))
+            .removeprefix("p ")
+            .removeprefix("= "),
+        ]
         for t in sorted(fit["tests"], key=lambda t: t["p_value"])
     ]
     return {

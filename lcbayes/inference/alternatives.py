@@ -21,6 +21,7 @@ from lcbayes.modelling.likelihood import FLUX
 from lcbayes.modelling.nutation import in_phase
 from lcbayes.modelling.problem import Problem, Sites, compiled
 from lcbayes.physics.bodies import facets
+from lcbayes.physics.reflectance import shoulder
 
 Floats = NDArray[np.float64]
 
@@ -31,6 +32,7 @@ FLATTEST = 1e-3  # cosine of the angle of incidence or emission for the longest 
 UPRIGHT = 0.5  # cosine between their normals, at most
 LOBES = (10.0, 30.0, 100.0)  # exponents of the cosine between normal and bisector
 GRID = 96  # directions of a further facet
+SAME_LAW = 1e-6  # of the mean flux: a law whose brightness differs by less is that of the model
 MAX_FREQUENCIES = 256
 MAX_NIGHTS = 6  # with nutation of their own
 MAX_NAMED = 12  # observers, calibrations or passes of one with an alternative each
@@ -89,6 +91,7 @@ def alternatives(
         candidates += [] if kinds else _nutation(problem, z, data, sites)
     if "sun_body" in sites and not kinds:
         candidates += [*_lobes(sites), *_further_facet(sites), *_notches(sites)]
+        candidates += _laws(flux, sites)
     candidates = [one for one in candidates if not kinds or one.name in kinds]
     return [_in_units_of_noise(problem, z, data, one) for one in candidates if np.any(one.columns)]
 
@@ -193,18 +196,48 @@ def _nutation(problem: Problem, z: Floats, data: Epochs, sites: Sites) -> Iterat
 
 
 def _lobes(sites: Sites) -> Iterator[Alternative]:
-    """A facet has a specular lobe; its amount is that of its peak over the diffuse reflectance."""
+    """A facet, or every facet, has a specular lobe.
+
+    The amount is that of its peak over the diffuse reflectance.
+    """
     normals, area = (np.asarray(sites[k]) for k in ("normals", "albedo_area"))
     sun, obs = (np.asarray(sites[k]) for k in ("sun_body", "obs_body"))
     bisector = sun + obs
     bisector = bisector / np.linalg.norm(bisector, axis=1, keepdims=True)
-    for i, normal in enumerate(normals):
-        seen = (sun @ normal > 0) & (obs @ normal > 0)
-        cosine = np.where(seen, np.maximum(bisector @ normal, 0.0), 0.0)
-        columns = area[i] / np.pi * np.stack([cosine**n for n in LOBES])
-        labels = tuple(f"exponent {n:.0f}" for n in LOBES)
-        about = f"facet {i}"
+    seen = (sun @ normals.T > 0) & (obs @ normals.T > 0)
+    cosine = np.where(seen, np.maximum(bisector @ normals.T, 0.0), 0.0)
+    each = area / np.pi * np.stack([cosine**n for n in LOBES])
+    labels = tuple(f"exponent {n:.0f}" for n in LOBES)
+    parts = [(f"facet {i}", each[..., i]) for i in range(len(area))]
+    if len(area) > 1:
+        parts.append(("every facet", each.sum(axis=-1)))
+    for about, columns in parts:
         yield Alternative("lobe", about, "", columns[:, None], labels, one_sided=True)
+
+
+def _laws(flux: Floats, sites: Sites) -> Iterator[Alternative]:
+    """All facets scatter by another diffuse law, in part; the total light is kept.
+
+    The laws are Lambert's, μ₀μ, that of Lommel and Seeliger, μ₀μ/(μ₀ + μ), and that of Ashikhmin
+    and Shirley, [1 − (1 − μ₀/2)⁵][1 − (1 − μ/2)⁵] μ₀μ. That of the model itself changes nothing.
+    """
+    normals, area = (np.asarray(sites[k]) for k in ("normals", "albedo_area"))
+    mu0, mu = (np.maximum(np.asarray(sites[k]) @ normals.T, 0.0) for k in ("sun_body", "obs_body"))
+    lit = (mu0 > 0) & (mu > 0)
+    kernels = {
+        "Lambert's law": np.ones_like(mu),
+        "the law of Lommel and Seeliger": 1.0 / np.where(lit, mu0 + mu, 1.0),
+        "the law of Ashikhmin and Shirley": np.asarray(shoulder(mu0) * shoulder(mu)),
+    }
+    columns, labels = [], []
+    for name, kernel in kernels.items():
+        light = (kernel * mu0 * mu) @ area
+        change = light * (flux.mean() / max(light.mean(), 1e-300)) - flux
+        if np.ptp(change) > SAME_LAW * flux.mean():
+            columns.append(change[None])
+            labels.append(name)
+    if columns:
+        yield Alternative("law", "", "", np.array(columns), tuple(labels), one_sided=True)
 
 
 def _further_facet(sites: Sites) -> Iterator[Alternative]:

@@ -48,11 +48,14 @@ class ResidualTest(NamedTuple):
     statistic : float
     p_value : float
         At least 1/(draws + 1).
+    upper_limit : bool
+        Whether no drawn statistic was as large, so that the p-value is an upper limit.
     """
 
     name: str
     statistic: float
     p_value: float
+    upper_limit: bool = False
 
 
 class Explanation(NamedTuple):
@@ -199,7 +202,10 @@ def examine(
     shares[KURTOSIS] = np.sum(every**4, axis=1) / values["chi2"] ** 2
     relative, relative_limit = _p_values(shares)
     even = min(float(p[0]) for p in relative.values()) >= relative_limit
-    tests = [ResidualTest(k, float(v[0]), float(p_values[k][0])) for k, v in values.items()]
+    tests = [
+        ResidualTest(k, float(v[0]), float(p_values[k][0]), bool(v[0] > v[1:].max()))
+        for k, v in values.items()
+    ]
     explanations = [
         _explanation(one, best, every, maker)._replace(
             p_value=float(p_values[_code(one)][0]), relative_p_value=float(relative[_code(one)][0])

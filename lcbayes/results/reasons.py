@@ -13,7 +13,7 @@ from lcbayes.geometry.spherical import lon_lat_deg
 
 if TYPE_CHECKING:
     from lcbayes.inference.goodness_of_fit import Misfit
-    from lcbayes.inference.misfit_tests import Explanation, ResidualTest
+    from lcbayes.inference.misfit_tests import Explanation
 
 MOST_SPINS = 12  # listed in the text
 
@@ -255,6 +255,7 @@ CAUSES = {
     "shadows = true in the body's file",
     "notch": "the body shades itself: {version} stand on one another, which no convex body has",
     "facet": "there is a further facet of albedo-area {size}, about {version}",
+    "law": "the surface scatters as {version} does, in part (share {size}, where 1 is all of it)",
 }
 TESTS = {
     "chi2": "χ²",
@@ -274,6 +275,7 @@ TESTS = {
     "shadows": "shadows between the parts of the body",
     "notch": "two facets that shade one another",
     "facet": "a further facet",
+    "law": "another law of diffuse reflection",
 }
 
 
@@ -308,10 +310,12 @@ def why(misfit: Misfit) -> str:
         return misfit.words
     worst = examination.refused[0]
     chi2 = next(t for t in examination.tests if t.name == "chi2")
-    said = f"chi2 is {misfit.chi2:.0f} for {misfit.dof:g} degrees of freedom (p = {_p(chi2)})"
+    p = p_words(chi2.p_value, chi2.upper_limit)
+    said = f"chi2 is {misfit.chi2:.0f} for {misfit.dof:g} degrees of freedom ({p})"
     if chi2.p_value >= examination.limit:
         said += (
-            f", but p = {_p(worst)} for {name_of_test(worst.name)} (limit {examination.limit:.2g})"
+            f", but {p_words(worst.p_value, worst.upper_limit)} for {name_of_test(worst.name)} "
+            f"(limit {examination.limit:.2g})"
         )
     errors = chi2.p_value < examination.limit
     excess = misfit.chi2 - misfit.dof
@@ -323,15 +327,22 @@ def why(misfit: Misfit) -> str:
     if errors and (examination.even or examination.cause is None):
         factor = np.sqrt(misfit.chi2 / misfit.dof)
         said += f"; a possible explanation: the errors are {factor:.2g} times too small"
-        evidence = ", since the residuals are white and Gaussian but for this factor"
+        evidence = (
+            ", since the residuals are white and Gaussian but for this factor; if the errors are "
+            "right, the law or the body differs"
+        )
         return said + (evidence if examination.even else "")
     if examination.cause is not None:
         said += "; no single change of the model removes half of the excess of chi2"
     return f"{said}; try more facets, another law or another body"
 
 
-def _p(test: ResidualTest) -> str:
-    return f"{test.p_value:.1g}"
+def p_words(p_value: float, upper_limit: bool) -> str:
+    """A p-value of a simulated test, such as ``p = 0.02``, or ``p < 0.0003`` for a limit."""
+    if not upper_limit:
+        return f"p = {p_value:.1g}"
+    unit = 10.0 ** np.floor(np.log10(p_value))
+    return f"p < {np.ceil(p_value / unit) * unit:.1g}"
 
 
 def agreement(weights: Sequence[float], tested: bool = True) -> str:

@@ -229,10 +229,7 @@ def _examined(examination: misfit_tests.Examination) -> Residuals:
         "p_limit": examination.limit,
         "relative_p_limit": examination.relative_limit,
         "even": examination.even,
-        "tests": [
-            {"name": t.name, "statistic": t.statistic, "p_value": t.p_value}
-            for t in examination.tests
-        ],
+        "tests": [t._asdict() for t in examination.tests],
         "alternatives": [
             {k: v for k, v in one._asdict().items() if v not in ("", np.inf)}
             for one in examination.explanations

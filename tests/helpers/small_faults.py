@@ -34,6 +34,7 @@ class Fault:
     drift: float = 0.0
     nutation_deg: float = 0.0
     lobe: float = 0.0  # brightness of a lobe of exponent 30 on the first facet over its diffuse one
+    lommel_seeliger: float = 0.0  # share of the light that is scattered by this law
     error_factor: float = 1.0
     correlation_s: float = 0.0  # of the noise
 
@@ -90,6 +91,11 @@ def flux(it: Body, t: np.ndarray, sun: np.ndarray, obs: np.ndarray, fault: Fault
     sun, obs = (turn.inv().apply(v) for v in (sun, obs))
     mu0, mu = sun @ it.normals.T, obs @ it.normals.T
     result = diffuse(mu0, mu) @ it.areas
+    if fault.lommel_seeliger:
+        seen = (mu0 > 0) & (mu > 0)
+        other = np.where(seen, mu0 * mu / np.where(seen, mu0 + mu, 1.0), 0.0) @ it.areas
+        other *= result.mean() / other.mean()
+        result = (1.0 - fault.lommel_seeliger) * result + fault.lommel_seeliger * other
     if fault.lobe:
         half = np.maximum(unit(sun + obs) @ it.normals[0], 0.0)
         seen = (mu0[:, 0] > 0) & (mu[:, 0] > 0)

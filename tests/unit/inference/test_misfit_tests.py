@@ -132,6 +132,7 @@ def best_fit(problem, light):
         (Fault(clock=3.0), "clock", "the times of B are"),
         (Fault(nutation_deg=2.5), "nutation", "the body nutates by"),
         (Fault(lobe=0.4), "lobe", "facet 0 has a weak lobe of exponent 30"),
+        (Fault(lommel_seeliger=0.5), "law", "scatters as the law of Lommel and Seeliger does"),
     ],
 )
 def test_a_gross_fault_is_refused_and_named(faceted, fault, name, says):
@@ -142,6 +143,19 @@ def test_a_gross_fault_is_refused_and_named(faceted, fault, name, says):
     assert result.cause is not None
     assert result.cause.name == name
     assert says in why(measure(faceted, data, z[None], result))
+
+
+def test_a_p_value_below_all_drawn_ones_is_an_upper_limit(faceted):
+    light = small_faults.light_curve(BODY, Fault(error_factor=3.0), n=120, seed=3)
+    z, data = best_fit(faceted, light)
+    result = examine(faceted, z, data, light)
+    chi2 = next(t for t in result.tests if t.name == "chi2")
+    assert chi2.upper_limit
+    assert chi2.p_value == pytest.approx(1 / 4001)
+    assert "(p < 0.0003)" in why(measure(faceted, data, z[None], result))
+    sound = small_faults.light_curve(BODY, n=120, seed=3)
+    z, data = best_fit(faceted, sound)
+    assert not any(t.upper_limit for t in examine(faceted, z, data, sound).tests)
 
 
 def test_errors_that_are_too_small_are_named(faceted):
