@@ -386,7 +386,7 @@ def draw_residual_periodogram(results: Results, gallery: Gallery) -> Image | Non
                     abs(rotation[0]) / k / size, color=FAINT, lw=0.9, ls=style, label=label
                 )
         if axes.get_legend_handles_labels()[1]:
-            axes.legend(loc="upper left")
+            axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False)
     axes.set_xscale("log")
     axes.xaxis.set_major_formatter("{x:g}")
     axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))

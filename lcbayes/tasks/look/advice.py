@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from lcbayes.core.constants import DAY_S, HOUR_S
+from lcbayes.core.text import join_words
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.spin.candidates import Candidates
 from lcbayes.inversion.spin.sidereal import MIN_PASSES
@@ -34,6 +35,7 @@ SHORT_S = 3 * DAY_S
 PHASE_SPAN_DEG = 30.0  # as shape-match needs
 FEWEST_PHASES = 100  # points, as shape-match needs
 DENSE_S = 20.0
+NEARLY = 0.9  # part of χ² explained, relative to the first period, that others need
 GRID_FACETS = 500  # default of convex-grid
 
 
@@ -67,6 +69,7 @@ class Known:
     varies: bool  # with a period, though perhaps one too long for the passes to measure it
     cycles: float  # in the series from which the period comes
     joined: bool  # whether the period comes from nights joined
+    aliases: list[float]  # other periods that explain nearly as much, s, of joined nights
     passes: int
     asteroid: bool
     low: bool
@@ -110,11 +113,20 @@ def _known(curve: LightCurve, facts: dict[str, Any], candidates: Candidates | No
         varies=candidates is not None and candidates.significant,
         cycles=0.0 if candidates is None or period is None else candidates.listed[0].cycles,
         joined=candidates is not None and candidates.joined,
+        aliases=_aliases(candidates),
         passes=facts["n_passes"],
         asteroid=asteroid,
         low=ranges is not None and bool(np.median(ranges) < LOW_KM),
         sampled_passes=long_passes,
     )
+
+
+def _aliases(candidates: Candidates | None) -> list[float]:
+    """Periods (s) that explain nearly as much of χ² as the first one, where nights were joined."""
+    if candidates is None or not candidates.joined or not candidates.significant:
+        return []
+    first, *others = candidates.listed
+    return [c.period_s for c in others if c.explained > NEARLY * first.explained]
 
 
 def fit_cost(epochs: int, facets: int) -> float:
@@ -181,6 +193,9 @@ def _scan(known: Known) -> Iterator[Advice]:
     else:
         hint = f"{low / HOUR_S:.6g},{high / HOUR_S:.6g}"
     why = "no period is detected: give a range" if known.period is None else "a period is detected"
+    if known.aliases:
+        listed = join_words(f"{period / HOUR_S:.5g} h" for period in known.aliases)
+        why += f"; {listed} explain{'s' * (len(known.aliases) == 1)} nearly as much: scan there too"
     cost = np.nan
     if known.period is not None:
         steps = SCAN_POLES * SCAN_STEPS * max(1.0, _trials(known))
