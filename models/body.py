@@ -39,7 +39,11 @@ SUMMARY = "a body of known parts, constant rate: attitude, omega, surface, scale
 STILL_DEG = 15.0  # of the bisector, from its mean, below which the turn about it is a coordinate
 SLOW_SHADOWS = 5.0  # times as long, from which on the search has none
 ROUGH = 0.02  # tolerance of the body of such a search
-POOLED = {"clock_sd": 0.0, "rate_drift_sd": 0.0}  # during the search for solutions
+POOLED = {
+    "zero_point_spread": 0.0,
+    "clock_sd": 0.0,
+    "rate_drift_sd": 0.0,
+}  # during the search for solutions
 SEARCHED = {"zero_point_sd": 0.0, "correlated_noise": False, "noise_law": "gaussian", "period": ""}
 DIFFUSE_UNIT = {"r_diff": 1.0, "r_spec": 1.0, "w": 4.0 * np.pi}  # for which area is albedo-area
 
@@ -58,6 +62,7 @@ def model(
     scatter: float = 0.0,
     correlated_noise: bool = False,
     zero_point_sd: float = nuisances.ZERO_POINT_SD,
+    zero_point_spread: float = nuisances.ZERO_POINT_SPREAD,
     clock_sd: float = nuisances.CLOCK_SD,
     rate_drift_sd: float = nuisances.RATE_DRIFT_SD,
 ):
@@ -90,6 +95,8 @@ def model(
         Whether the noise includes an Ornstein-Uhlenbeck process of unknown size and time scale.
     zero_point_sd
         Prior sd of the zero point of each observer and night, if several, mag; 0: all equal.
+    zero_point_spread
+        Prior sd of ln(sd of the zero points), of which zero_point_sd is the median; 0: known.
     clock_sd
         Prior sd of the offset of each observer's clock, if several, s; 0: all exact.
     rate_drift_sd
@@ -111,7 +118,8 @@ def model(
         return size * known.flux(*turned(t), values, shadows, sizes, data.visible)
 
     mean = (photometry.exposed(seen, data.exposure_s) if data.has_exposure else seen)(data.t)
-    likelihood.observe(data, mean, noise_law, scatter, False, zero_point_sd, correlated_noise)
+    zero_point = nuisances.ZeroPointPrior(zero_point_sd, zero_point_spread)
+    likelihood.observe(data, mean, noise_law, scatter, False, zero_point, correlated_noise)
 
 
 def _turning(

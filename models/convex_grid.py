@@ -15,7 +15,7 @@ from numpyro.distributions.transforms import (
 
 from lcbayes.core.constants import HOUR_S
 from lcbayes.core.jax_setup import jax, jnp
-from lcbayes.modelling import likelihood, priors
+from lcbayes.modelling import likelihood, nuisances, priors
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.moments import MomentCoordinates
 from lcbayes.modelling.relief import EllipsoidWithRelief
@@ -132,7 +132,8 @@ def model(
 
     mean = photometry.exposed(instantaneous, data.exposure_s)
     flux = surface * (mean if data.has_exposure else instantaneous)(data.t)
-    likelihood.observe(data, flux, noise_law, scatter, False, zero_point_sd, correlated_noise)
+    zero_point = nuisances.ZeroPointPrior(zero_point_sd)
+    likelihood.observe(data, flux, noise_law, scatter, False, zero_point, correlated_noise)
 
 
 def typical(data: Epochs) -> jax.Array:

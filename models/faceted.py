@@ -37,6 +37,7 @@ def model(
     scatter: float = 0.0,
     correlated_noise: bool = False,
     zero_point_sd: float = nuisances.ZERO_POINT_SD,
+    zero_point_spread: float = nuisances.ZERO_POINT_SPREAD,
     clock_sd: float = nuisances.CLOCK_SD,
     rate_drift_sd: float = nuisances.RATE_DRIFT_SD,
     nutation_sd: float = nutation.SD_DEG,
@@ -77,6 +78,8 @@ def model(
         Whether the noise includes an Ornstein-Uhlenbeck process of unknown size and time scale.
     zero_point_sd
         Prior sd of the zero point of each observer and night, if several, mag; 0: all equal.
+    zero_point_spread
+        Prior sd of ln(sd of the zero points), of which zero_point_sd is the median; 0: known.
     clock_sd
         Prior sd of the offset of each observer's clock, if several, s; 0: all exact.
     rate_drift_sd
@@ -102,9 +105,8 @@ def model(
     numpyro.deterministic("obs_body", obs)
     priors.visibility_prior(sun, obs, normals)
     mean, wobble = nuisances.expected(data, turned, seen, spin, nutation_sd, nutation_ratio)
-    likelihood.observe(
-        data, mean, noise_law, scatter, False, zero_point_sd, correlated_noise, wobble
-    )
+    zero_point = nuisances.ZeroPointPrior(zero_point_sd, zero_point_spread)
+    likelihood.observe(data, mean, noise_law, scatter, False, zero_point, correlated_noise, wobble)
 
 
 def coordinates(

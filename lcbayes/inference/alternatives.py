@@ -227,7 +227,9 @@ def _laws(flux: Floats, sites: Sites) -> Iterator[Alternative]:
     kernels = {
         "Lambert's law": np.ones_like(mu),
         "the law of Lommel and Seeliger": 1.0 / np.where(lit, mu0 + mu, 1.0),
-        "the law of Ashikhmin and Shirley": np.asarray(shoulder(mu0) * shoulder(mu)),
+        "the law of Ashikhmin and Shirley": np.asarray(
+            shoulder(jnp.asarray(mu0)) * shoulder(jnp.asarray(mu))
+        ),
     }
     columns, labels = [], []
     for name, kernel in kernels.items():

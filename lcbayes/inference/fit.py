@@ -31,7 +31,6 @@ from lcbayes.inference import (
 from lcbayes.inference.arrangements import by_motion, joint, plausible
 from lcbayes.inference.label_switching import AttitudeOrder, FacetOrder
 from lcbayes.inference.modes import (
-    MAX_LEFT_OUT,
     Mode,
     join,
     left_out,
@@ -52,7 +51,7 @@ from lcbayes.inference.spin_solutions import (
 )
 from lcbayes.inference.start_from import placed
 from lcbayes.inference.tumbling_search import Repeats
-from lcbayes.inference.warped_bridge import APART_SE, with_ratios
+from lcbayes.inference.warped_bridge import APART_SE, related
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem, compiled, prior_draws
 from lcbayes.modelling.registry import Entry
@@ -352,10 +351,8 @@ class Stages:
                 join(modes, Mode(joint(group), z, stats, log_z, tuning=tuning), order)
         recount(modes, self.plain, problem, found.ends, order, data)
         left, share = unsampled(modes, self.plain, problem, rest, order, data)
-        # Weak facets make the Gaussian approximation of a rotation's evidence a poor one.
-        error = 0.0 if sampler.moves is None else APART_SE
-        share = largest_share(share, error)
-        if sampler.moves is not None and len(modes) > 1:
+        error = 0.0
+        if sampler.moves is not None:
             annealed = partial(
                 annealing.log_evidence,
                 problem,
@@ -364,10 +361,8 @@ class Stages:
                 key=jax.random.fold_in(key, len(sampled)),
                 workers=self.workers,
             )
-            # Weights are of no use where much of the posterior was not sampled.
-            modes = with_ratios(
-                modes, problem, order, data, annealed if share <= MAX_LEFT_OUT else None
-            )
+            modes, error = related(modes, problem, order, data, share, annealed)
+        share = largest_share(share, error)
         log_evidence = weigh(modes)
         modes.sort(key=lambda m: -m.weight)
         spins = spin_solutions(self.plain, data, [m.solution for m in modes], left, error)

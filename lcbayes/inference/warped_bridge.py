@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 from lcbayes.data.segments import split
 from lcbayes.inference.basins import evenly, potentials
 from lcbayes.inference.label_switching import FacetOrder
-from lcbayes.inference.modes import Mode
+from lcbayes.inference.modes import MAX_LEFT_OUT, Mode
 from lcbayes.inference.motions import attitudes
+from lcbayes.inference.spin_solutions import largest_share
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
 from lcbayes.samplers.bridge import LogEvidence, log_ratio
@@ -34,6 +35,7 @@ DRAWS = 1500  # of each solution
 EFFECTIVE = 200.0  # of these, in the error
 LARGEST_SE = 1.0  # nats, above which a bridge does not hold
 APART_SE = 3.0  # nats
+FEWEST = 2  # ratios that show the error of Gaussian approximations
 FIXED = np.cos(np.radians(10.0))  # mean resultant length above which a normal is determined
 FIXED_AREA = 0.5  # sd of ln(area) below which an area is determined
 
@@ -58,37 +60,97 @@ class Form(NamedTuple):
     turn: Floats
 
 
-def with_ratios(
-    modes: Sequence[Mode],
+def related(
+    modes: list[Mode],
     problem: Problem,
     order: FacetOrder,
     data: Epochs,
-    annealed: Callable[[Floats], LogEvidence] | None = None,
+    share: float,
+    annealed: Callable[[Floats], LogEvidence],
+) -> tuple[list[Mode], float]:
+    """Rotations with ratios of their evidences, and the error of Gaussian approximations, nats.
+
+    Weak facets make the Gaussian approximation of a rotation's evidence a poor one. ``share`` is
+    the part of the posterior that was not sampled, by that approximation; ``annealed`` is as in
+    `with_annealed`.
+    """
+    if len(modes) < 2:
+        return modes, APART_SE
+    modes = with_ratios(modes, problem, order, data)
+    error = gaussian_error(modes)
+    # Weights are of no use where much of the posterior was not sampled.
+    if largest_share(share, error) <= MAX_LEFT_OUT:
+        modes = with_annealed(modes, problem, order, data, annealed)
+    return modes, error
+
+
+def with_ratios(
+    modes: Sequence[Mode], problem: Problem, order: FacetOrder, data: Epochs
 ) -> list[Mode]:
     """The solutions with evidences relative to that of the first, whose error is set to zero.
 
-    Where the posteriors do not overlap, the ratio is that of evidences by ``annealed``, a function
-    of draws (n, D). Without this function, or if its error is larger, the ratio is that of the
-    Gaussian (Laplace) approximations with an error of `APART_SE`.
+    Where the posteriors do not overlap, the ratio is that of the Gaussian (Laplace) approximations
+    with an error of `APART_SE`.
     """
     first, *others = sorted(modes, key=lambda m: -m.solution.log_evidence)
     base = replace(first, log_evidence=LogEvidence(first.log_evidence.value, 0.0))
     form = _form(first, problem, order, data)
+    related = [base]
+    for mode in others:
+        ratio = _ratio(form, _form(mode, problem, order, data), problem, order, data)
+        if not ratio.se < LARGEST_SE:
+            ratio = LogEvidence(_gaussian_ratio(mode, first), APART_SE)
+        related.append(_at_ratio(mode, base, ratio))
+    return related
+
+
+def with_annealed(
+    modes: Sequence[Mode],
+    problem: Problem,
+    order: FacetOrder,
+    data: Epochs,
+    annealed: Callable[[Floats], LogEvidence],
+) -> list[Mode]:
+    """The solutions of `with_ratios`; where no bridge holds, with ratios of evidences by annealing.
+
+    ``annealed`` is a function of draws (n, D). Ratios with larger errors are left as they are.
+    """
+    base, *others = modes
     related, whole = [base], None
     for mode in others:
-        other = _form(mode, problem, order, data)
-        ratio = _ratio(form, other, problem, order, data)
-        if not ratio.se < LARGEST_SE:
-            laplace = mode.solution.log_evidence - first.solution.log_evidence
-            ratio = LogEvidence(laplace, APART_SE)
-            if annealed is not None:
-                whole, own = whole or annealed(form.z), annealed(other.z)
-                se = float(np.hypot(whole.se, own.se))
-                if se < APART_SE:
-                    ratio = LogEvidence(own.value - whole.value, se)
-        value = base.log_evidence.value + ratio.value
-        related.append(replace(mode, log_evidence=LogEvidence(value, ratio.se)))
+        if mode.log_evidence.se >= APART_SE:
+            whole = whole or annealed(_form(base, problem, order, data).z)
+            own = annealed(_form(mode, problem, order, data).z)
+            se = float(np.hypot(whole.se, own.se))
+            if se < APART_SE:
+                mode = _at_ratio(mode, base, LogEvidence(own.value - whole.value, se))
+        related.append(mode)
     return related
+
+
+def gaussian_error(modes: Sequence[Mode]) -> float:
+    """Largest error (nats) of the Gaussian approximations of ratios of evidences of `with_ratios`.
+
+    It is `APART_SE` where fewer than `FEWEST` ratios are known. Solutions of one form that were not
+    sampled are approximated about as well as those that were.
+    """
+    base, *others = modes
+    errors = [
+        abs(m.log_evidence.value - base.log_evidence.value - _gaussian_ratio(m, base))
+        + m.log_evidence.se
+        for m in others
+        if m.log_evidence.se < LARGEST_SE
+    ]
+    return min(max(errors), APART_SE) if len(errors) >= FEWEST else APART_SE
+
+
+def _gaussian_ratio(mode: Mode, base: Mode) -> float:
+    return mode.solution.log_evidence - base.solution.log_evidence
+
+
+def _at_ratio(mode: Mode, base: Mode, ratio: LogEvidence) -> Mode:
+    value = base.log_evidence.value + ratio.value
+    return replace(mode, log_evidence=LogEvidence(value, ratio.se))
 
 
 def _form(mode: Mode, problem: Problem, order: FacetOrder, data: Epochs) -> Form:

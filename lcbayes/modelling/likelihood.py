@@ -17,9 +17,10 @@ from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.modelling import nutation
 from lcbayes.modelling.correlated_noise import ornstein_uhlenbeck
 from lcbayes.modelling.epochs import Epochs
-from lcbayes.modelling.nuisances import zero_point_response, zero_points
+from lcbayes.modelling.nuisances import ZeroPointPrior, zero_point_response, zero_points
 from lcbayes.modelling.pass_effects import Passes, innovations
 
+NO_ZERO_POINTS = ZeroPointPrior()
 OBSERVED = "brightness"
 FLUX = "flux"
 OUTLIER = "outlier"
@@ -183,7 +184,7 @@ def observe(
     noise: Law = "gaussian",
     scatter_median: float = 0.0,
     passes: bool = False,
-    zero_point_sd: float = 0.0,
+    zero_point: ZeroPointPrior = NO_ZERO_POINTS,
     correlated: bool = False,
     wobble: nutation.Wobble | None = None,
 ) -> None:
@@ -211,10 +212,9 @@ def observe(
         for fluxes. Offset and drift are integrated out: the likelihood of each point is conditional
         on the earlier points of its pass, see `pass_effects.innovations`. ``expected`` excludes
         them. In a mixture, whole passes are outliers.
-    zero_point_sd : float
-        Prior standard deviation of the zero point of each calibration, mag, if there are several;
-        see `nuisances.zero_points`. They are integrated out. With ``passes``, whose offsets include
-        them, they are not used.
+    zero_point : ZeroPointPrior
+        Of the zero point of each calibration, if there are several; see `nuisances.zero_points`.
+        They are integrated out. With ``passes``, whose offsets include them, they are not used.
     correlated : bool
         Whether the noise includes an Ornstein-Uhlenbeck process within each pass, see
         `correlated_noise`. It is integrated out too, and not used with ``passes``.
@@ -252,7 +252,7 @@ def observe(
             miss = data.brightness - mean
             miss, response, columns, sd = ornstein_uhlenbeck(data, miss, response, sd, columns)
             mean = data.brightness - miss
-        mean, sd, columns = zero_points(data, mean, sd, response, zero_point_sd, columns)
+        mean, sd, columns = zero_points(data, mean, sd, response, zero_point, columns)
         if wobble is not None and columns is not None:
             mean, sd = nutation.given_earlier(data, mean, sd, columns, wobble.sd)
     if noise == "gaussian":

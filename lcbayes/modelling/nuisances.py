@@ -27,14 +27,39 @@ from lcbayes.modelling.priors import Spin
 from lcbayes.physics import photometry
 
 ZERO_POINT_SD = 0.03  # mag; between sites and nights of well-calibrated photometry
+ZERO_POINT_SPREAD = 0.7  # sd of its logarithm: 0.01 to 0.1 mag in 90 %
 CLOCK_SD = 0.3  # s; between cameras whose clocks are set by the network
+CLOCK_TAIL = 0.7  # of `heavy_tailed`: one clock in a hundred is late by more than 4 sd
 RATE_DRIFT_SD = 0.01  # relative change of the rate of rotation over the light curve
 MAX_DRIFT_PHASE = 1.0  # rad, in the middle of the light curve
-UNMODELLED = {"clock_sd": 0.0, "rate_drift_sd": 0.0, "nutation_sd": 0.0}
+UNMODELLED = {
+    "zero_point_spread": 0.0,
+    "clock_sd": 0.0,
+    "rate_drift_sd": 0.0,
+    "nutation_sd": 0.0,
+}
 """Options of a model without these parameters, for the search for solutions."""
 INTEGRATED_OUT = ("zero_point_", "nutation_mean", "nutation_root")
 # beginnings of the names of the moments of what is integrated out, given the data
-UNITS = {"zero_point": "mag", "clock_offset": "s", "rate_drift": ""}
+
+
+class ZeroPointPrior(NamedTuple):
+    """Zero points are Normal(0, s²), with s ~ LogNormal(ln sd, spread²), mag.
+
+    An unknown s keeps the intervals right where zero points differ by more than expected, and
+    narrow where they agree. With a spread of 0, s is known; with an sd of 0, there are none.
+    """
+
+    sd: float = 0.0
+    spread: float = 0.0
+
+    def width(self) -> jax.Array | float:
+        """s as part of a model: its site is ``calibration_sd``."""
+        if not _on("zero_point_spread", self.spread):
+            return self.sd
+        unit = jnp.asarray(numpyro.sample("calibration_sd_unit", dist.Normal(0.0, 1.0)))
+        width = self.sd * jnp.exp(self.spread * unit)
+        return jnp.asarray(numpyro.deterministic("calibration_sd", width))
 
 
 def zero_points(
@@ -42,7 +67,7 @@ def zero_points(
     mean: jax.Array,
     sd: jax.Array,
     h: jax.Array,
-    prior_sd: float,
+    prior: ZeroPointPrior,
     columns: jax.Array | None = None,
 ) -> tuple[jax.Array, jax.Array, jax.Array | None]:
     """Mean and standard deviation (T,) of each point given the earlier ones of its calibration.
@@ -66,8 +91,7 @@ def zero_points(
         given earlier points if the errors are correlated.
     h : (T,)
         `zero_point_response`, transformed in the same way.
-    prior_sd : float
-        s, mag.
+    prior : ZeroPointPrior
     columns : (K, T), optional
         Further changes of the brightness by unit amounts n. They are returned given earlier points
         too. ``zero_point_mean`` is then that at n = 0, and falls by ``zero_point_slope`` (G, K)
@@ -78,17 +102,18 @@ def zero_points(
     Rasmussen & Williams 2006, Gaussian Processes for Machine Learning, sec. 2.7 (basis functions
     with Gaussian weights, integrated out).
     """
-    if not _on("zero_point_sd", prior_sd) or not data.n_calibrations:
+    if not _on("zero_point_sd", prior.sd) or not data.n_calibrations:
         return mean, sd, columns
+    width = prior.width()
     groups = data.calibrated_together
     terms = jnp.stack([(h / sd) ** 2, h * (data.brightness - mean) / sd**2])
     if columns is not None:
         terms = jnp.concatenate([terms, h * columns / sd**2])
     before, weighted, *along = groups.before(terms)
-    v = 1.0 / (1.0 / prior_sd**2 + before)
+    v = 1.0 / (1.0 / width**2 + before)
     total = jnp.zeros((len(terms), data.n_calibrations + 1)).at[:, data.calibration]
     total = total.add(data.information * terms)[:, :-1]
-    whole = 1.0 / (1.0 / prior_sd**2 + total[0])
+    whole = 1.0 / (1.0 / width**2 + total[0])
     numpyro.deterministic("zero_point_mean", whole * total[1])
     numpyro.deterministic("zero_point_sd", jnp.sqrt(whole))
     if columns is not None:
@@ -161,13 +186,34 @@ def drawn(draws: Mapping[str, NDArray], rng: np.random.Generator) -> dict[str, N
 def clock(data: Epochs, sd: float = CLOCK_SD) -> jax.Array | None:
     """Time (T,) s to be added to the recorded times; None if it is not modelled.
 
-    The ``clock_offset`` of each observer is Normal(0, sd), independent of the others; a clock that
-    is ahead has a negative offset. A common offset is included: it changes the orientation of the
-    body at t = 0.
+    The ``clock_offset`` of each observer is sd times a `heavy_tailed` normal number, independent of
+    the others; a clock that is ahead has a negative offset. A common offset is included: it changes
+    the orientation of the body at t = 0.
     """
     if not _on("clock_sd", sd) or data.n_observers < 2:
         return None
-    return _offsets("clock_offset", data.n_observers, sd)[data.observer]
+    normal = dist.Normal(0.0, 1.0).expand([data.n_observers + 1]).to_event(1)
+    unit = jnp.asarray(numpyro.sample("clock_offset_unit", normal))
+    offset = sd * heavy_tailed(unit)
+    numpyro.deterministic("clock_offset", offset[:-1])  # the last has no data
+    return offset[data.observer]
+
+
+def heavy_tailed(unit: Any) -> Any:
+    """sinh(b u)/b, b = `CLOCK_TAIL`: near 0 as u, and large more often than a normal number.
+
+    For a normal u it has Johnson's S_U distribution.
+
+    References
+    ----------
+    Johnson 1949, Biometrika 36, 149.
+    """
+    return jnp.sinh(CLOCK_TAIL * unit) / CLOCK_TAIL
+
+
+def normal_of(heavy: Any) -> Any:
+    """The inverse of `heavy_tailed`."""
+    return jnp.arcsinh(CLOCK_TAIL * heavy) / CLOCK_TAIL
 
 
 def rate_drift(data: Epochs, rate: jax.Array, sd: float = RATE_DRIFT_SD) -> jax.Array | None:
@@ -331,14 +377,6 @@ def moved(data: Epochs, late: jax.Array | None) -> Epochs:
 def _moved(direction: jax.Array, step: jax.Array) -> jax.Array:
     moved = direction + step
     return moved / jnp.linalg.norm(moved, axis=-1, keepdims=True)
-
-
-def _offsets(name: str, n: int, sd: float) -> jax.Array:
-    """Offsets (n + 1,) ~ Normal(0, sd); the last is that of a member without data."""
-    unit = dist.Normal(0.0, 1.0).expand([n + 1]).to_event(1)
-    offset = sd * jnp.asarray(numpyro.sample(f"{name}_unit", unit))
-    numpyro.deterministic(name, offset[:n])
-    return offset
 
 
 def _on(name: str, sd: float) -> bool:

@@ -31,6 +31,7 @@ CARRIERS = frozenset(
         "nutation_root",
         "nutation_response",
         "nutation_ratio_unit",
+        "calibration_sd_unit",
         "clock_offset_unit",
         "rate_drift_unit",
         "r_sum",
@@ -77,6 +78,9 @@ UNITS = {
     "phase_k": "1/rad",
     "period_h": "h",
     "extinction": "mag",
+    "zero_point": "mag",
+    "calibration_sd": "mag",
+    "clock_offset": "s",
 }
 ENDINGS = {
     "_deg": "deg",

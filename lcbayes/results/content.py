@@ -98,6 +98,7 @@ class ResidualTestContent(TypedDict):
     name: str
     statistic: float
     p_value: float
+    upper_limit: bool  # of the p-value
 
 
 class Residuals(TypedDict, total=False):

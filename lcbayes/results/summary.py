@@ -25,6 +25,7 @@ from lcbayes.inference.goodness_of_fit import Misfit
 from lcbayes.inference.modes import Mode
 from lcbayes.inference.solutions import optimum
 from lcbayes.inference.spin_search.cells import Coverage
+from lcbayes.inference.spin_solutions import largest_share
 from lcbayes.inference.tumbling_search import AGREE, Repeats
 from lcbayes.modelling.constrained import reported_draws
 from lcbayes.modelling.epochs import Epochs
@@ -54,6 +55,8 @@ Floats = NDArray[np.float64]
 type ShadowsOf = Callable[[Sequence[Sites], Epochs], Floats | None]
 
 # Limits of what is trusted, besides those of `samplers.convergence`
+SURE_SE = 0.5  # nats; weights with smaller errors are not doubted
+SURE_SHARE = 0.05  # of the posterior that a solution may hold beyond its weight without doubt
 MAX_APART = 1.05  # R-hat between independent runs
 MAX_SHIFT = 0.5  # sd, by shadows that are left out; 90 % intervals still hold 86 %
 SHADOW_DRAWS = 3  # draws at which these are computed, besides the optimum
@@ -229,7 +232,15 @@ def _examined(examination: misfit_tests.Examination) -> Residuals:
         "p_limit": examination.limit,
         "relative_p_limit": examination.relative_limit,
         "even": examination.even,
-        "tests": [t._asdict() for t in examination.tests],
+        "tests": [
+            {
+                "name": t.name,
+                "statistic": t.statistic,
+                "p_value": t.p_value,
+                "upper_limit": t.upper_limit,
+            }
+            for t in examination.tests
+        ],
         "alternatives": [
             {k: v for k, v in one._asdict().items() if v not in ("", np.inf)}
             for one in examination.explanations
@@ -302,7 +313,8 @@ def _findings(posterior: Posterior, modes: list[ModeContent], misfit: Misfit) ->
     for i, (mode, entry) in enumerate(zip(posterior.modes, modes, strict=True)):
         about = f"solution {i + 1}" if len(modes) > 1 else ""
         error = mode.log_evidence.se
-        if len(modes) > 1 and error > 0.5 and mode.weight * np.exp(min(2 * error, 50.0)) > 0.01:
+        more = largest_share(mode.weight, error) - mode.weight
+        if len(modes) > 1 and error > SURE_SE and more > SURE_SHARE:
             yield Finding("weight-uncertain", {"se": error}, about)
         # A solution of negligible weight is shown, but its chains do not affect the verdict.
         if mode.weight < 1e-3 and i:

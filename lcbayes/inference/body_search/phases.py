@@ -27,6 +27,7 @@ from lcbayes.inference.spin_search.arcs import Arcs
 from lcbayes.inference.spin_search.series import frame
 from lcbayes.modelling.body_motion import product as product_of
 from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.nuisances import heavy_tailed, normal_of
 from lcbayes.modelling.problem import Problem, compiled
 
 Floats = NDArray[np.float64]
@@ -140,7 +141,13 @@ class Separate:
 
     def offsets(self, late: Floats) -> dict[str, Floats]:
         """The site of offsets (A,) in s."""
-        return {"clock_offset_unit": np.append(late, 0.0) / self.clock_sd} if self.several else {}
+        if not self.several:
+            return {}
+        return {"clock_offset_unit": np.asarray(normal_of(np.append(late, 0.0) / self.clock_sd))}
+
+    def late(self, unit: Floats) -> Floats:
+        """The offsets (A + 1,) s of a site."""
+        return np.asarray(self.clock_sd * heavy_tailed(unit))
 
 
 def _epochs(arcs: Arcs, unit: float) -> Epochs:

@@ -52,7 +52,7 @@ def joined(
     """
     known = {k: np.asarray(v) for k, v in compiled(problem.constrain)(z, separate.exact).items()}
     sites = {name: known[name] for name in problem.names}
-    late = sites.pop("clock_offset_unit", np.zeros(1)) * separate.clock_sd
+    late = separate.late(sites.pop("clock_offset_unit", np.zeros(1)))
     omega, middle = known["omega"], separate.middle
     rate = float(np.linalg.norm(omega))
     phase = rate * late[: len(middle)]

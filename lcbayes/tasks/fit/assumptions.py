@@ -106,10 +106,12 @@ def _of_faults(curve: LightCurve, values: Mapping[str, Any]) -> Iterator[str]:
         )
     several = len(seen_by.names) > 1
     if groups.names:
-        sd = values.get("zero_point_sd", 0.0)
+        sd, spread = (values.get(f"zero_point_{k}", 0.0) for k in ("sd", "spread"))
+        about, inferred = ("about ", "; by how much is inferred") if spread else ("", "")
         listed = f"{len(groups.names)} sites and nights" if several else "several nights"
         yield (
-            f"The zero points of {listed} are uncertain by {sd:g} mag each (zero_point_sd)."
+            f"The zero points of {listed} are uncertain by {about}{sd:g} mag each "
+            f"(zero_point_sd){inferred}."
             if sd
             else f"The zero points of {listed} agree."
         )

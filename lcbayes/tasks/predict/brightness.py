@@ -82,7 +82,10 @@ def predicted(
     rng = np.random.default_rng(seed)
     unit_noise = _unit_noise(law, posterior, pick, mean.shape, rng)
     if "zero_point" in posterior:
-        mean = _calibrated(mean, posterior, fitted, wanted, pick, noise_law["zero_point_sd"], rng)
+        width = np.full(len(pick), noise_law["zero_point_sd"])
+        if "calibration_sd" in posterior:
+            width = posterior["calibration_sd"].values.reshape(-1)[pick]
+        mean = _calibrated(mean, posterior, fitted, wanted, pick, width, rng)
     drawn = mean + sd * unit_noise
     name = fitted.kind
     columns = {f"{name}_mean": mean.mean(axis=0)}
@@ -99,13 +102,13 @@ def _calibrated(
     fitted: LightCurve,
     wanted: LightCurve,
     pick: NDArray[np.intp],
-    prior_sd: float,
+    width: Floats,
     rng: np.random.Generator,
 ) -> Floats:
     """The brightness (S, T) with zero points: that of the fitted site and night, or a new one."""
     known = posterior["zero_point"].values
     known = known.reshape(-1, known.shape[-1])[pick]
-    new = prior_sd * rng.standard_normal((len(known), 1))
+    new = (width * rng.standard_normal(len(known)))[:, None]
     each = np.concatenate([known, new, np.zeros((len(known), 1))], axis=1)  # −1: none
     offset = each[:, np.asarray(Epochs.of(wanted, fitted).calibration)]
     return mean + offset if fitted.kind == "mag" else mean * 10.0 ** (-0.4 * offset)

@@ -16,7 +16,12 @@ from lcbayes.inference.fit import Stages
 from lcbayes.inference.label_switching import FacetOrder
 from lcbayes.inference.modes import Mode
 from lcbayes.inference.solutions import Solution
-from lcbayes.inference.warped_bridge import APART_SE, with_ratios
+from lcbayes.inference.warped_bridge import (
+    APART_SE,
+    gaussian_error,
+    with_annealed,
+    with_ratios,
+)
 from lcbayes.modelling import registry
 from lcbayes.samplers.bridge import LogEvidence
 from lcbayes.samplers.settings import Settings
@@ -136,16 +141,36 @@ def test_solutions_that_do_not_overlap_are_weighed_by_annealing(data):
     def annealed(draws):
         return LogEvidence(5.0, 0.3) if np.abs(draws).max() < 50.0 else LogEvidence(3.0, 0.4)
 
-    first, second = with_ratios([mode(0, rng), wrong], problem, order, data, annealed)
+    apart = with_ratios([mode(0, rng), wrong], problem, order, data)
+    first, second = with_annealed(apart, problem, order, data, annealed)
     assert second.log_evidence.value - first.log_evidence.value == pytest.approx(-2.0)
     assert second.log_evidence.se == pytest.approx(0.5)
 
     def failed(draws):  # noqa: ARG001
         return LogEvidence(-np.inf, np.inf)
 
-    _, second = with_ratios([mode(0, rng), wrong], problem, order, data, failed)
+    _, second = with_annealed(apart, problem, order, data, failed)
     assert second.log_evidence.se == APART_SE
     assert np.isfinite(second.log_evidence.value)
+
+
+def test_bridges_show_the_error_of_gaussian_approximations():
+    def related(*solutions):
+        """Modes of given Gaussian evidences, and errors and differences of their bridges."""
+        return [
+            Mode(
+                Solution(np.zeros(2), 0.0, gaussian, 0.0, 1),
+                np.zeros((1, 2, 2)),
+                {},
+                LogEvidence(gaussian + 7.0 + difference, se),
+            )
+            for gaussian, difference, se in solutions
+        ]
+
+    base = (3.0, 0.0, 0.0)
+    assert gaussian_error(related(base, (2.0, 0.4, 0.1), (1.0, -0.6, 0.2))) == pytest.approx(0.8)
+    assert gaussian_error(related(base, (2.0, 0.4, 0.1), (1.0, 0.0, APART_SE))) == APART_SE
+    assert gaussian_error(related(base, (2.0, 9.0, 0.1), (1.0, 0.2, 0.1))) == APART_SE
 
 
 def test_solutions_are_grouped_by_motion(data):

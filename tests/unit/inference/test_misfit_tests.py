@@ -29,6 +29,7 @@ N = 120
 BODY = small_faults.body(1, 2)
 # clocks of two observers, whose passes are separate, and a change of rate
 WITHOUT_FAULTS: dict[str, Any] = {
+    "calibration_sd_unit": np.array(0.0),
     "clock_offset_unit": np.zeros(3),
     "rate_drift_unit": np.array(0.0),
 }

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.stats import multivariate_normal
+from scipy.stats import johnsonsu, multivariate_normal, norm
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
@@ -18,7 +18,7 @@ from tests.helpers import small_faults
 from tests.helpers.small_faults import Fault
 
 BODY = small_faults.body(1, 2)
-ALONE = {"zero_point_sd": 0.0, "clock_sd": 0.0, "rate_drift_sd": 0.0}
+ALONE = {"zero_point_sd": 0.0, "zero_point_spread": 0.0, "clock_sd": 0.0, "rate_drift_sd": 0.0}
 
 
 def problem_of(light, **options):
@@ -67,6 +67,36 @@ def test_zero_points_are_integrated_out(light, kind):
         assert float(sites["zero_point_mean"][g]) == pytest.approx(want, abs=1e-10)
         want = np.sqrt(0.05**2 - gain @ cross)
         assert float(sites["zero_point_sd"][g]) == pytest.approx(want, rel=1e-8)
+
+
+def test_the_width_of_zero_points_is_log_normal(light):
+    """The density is that of zero points of sd s eᵇᵘ times that of u ~ Normal(0, 1)."""
+    options = ALONE | {"zero_point_sd": 0.02}
+    free, data = problem_of(light, **(options | {"zero_point_spread": 0.7}))
+    known, _ = problem_of(light, **(options | {"zero_point_sd": 0.02 * np.exp(0.7 * 1.3)}))
+    z = at_truth(free, calibration_sd_unit=1.3)
+    sites = free.constrain(z, data)
+    assert float(sites["calibration_sd"]) == pytest.approx(0.02 * np.exp(0.91))
+    apart = free.potential(z, data) - known.potential(at_truth(known), data)
+    assert float(apart) == pytest.approx(0.5 * 1.3**2 + 0.5 * np.log(2 * np.pi), abs=1e-9)
+
+    expected = free.fisher(z, data)[free.rows(["calibration_sd_unit"])[0]]
+    assert np.isfinite(expected).all()
+
+
+def test_zero_points_that_differ_widen_what_is_expected_of_others():
+    """Given zero points of ± 0.2 mag at two sites, their sd is larger than a priori."""
+    widths = []
+    for fault in (0.0, 0.4):
+        light = small_faults.light_curve(BODY, Fault(zero_point=fault), n=64, noise=1e-3)
+        problem, data = problem_of(
+            light, **(ALONE | {"zero_point_sd": 0.03, "zero_point_spread": 0.7})
+        )
+        unit = np.linspace(-2.5, 4.0, 27)
+        z = [at_truth(problem, calibration_sd_unit=u) for u in unit]
+        potential = np.array([float(problem.potential(x, data)) for x in z])
+        widths.append(0.03 * np.exp(0.7 * unit[np.argmin(potential)]))
+    assert widths[0] < 0.03 < 0.08 < widths[1]
 
 
 def test_correlated_noise_and_zero_points_are_those_of_the_dense_covariance(light):
@@ -125,14 +155,18 @@ def test_drawn_zero_points_have_their_mean_and_sd():
 @pytest.mark.parametrize(
     ("fault", "site"),
     [
-        (Fault(clock=0.5), {"clock_offset_unit": [0.0, -0.5 / 0.3, 0.0]}),
+        (Fault(clock=0.5), {"clock_offset_unit": [0.0, np.arcsinh(-0.7 * 0.5 / 0.3) / 0.7, 0.0]}),
         (Fault(drift=0.02), {"rate_drift_unit": 2.0}),
     ],
 )
 def test_brightness_with_a_fault_is_that_of_another_simulator(fault, site):
     light = small_faults.light_curve(BODY, fault, n=80, noise=1e-9)
     problem, data = problem_of(light)
-    neutral = {"clock_offset_unit": np.zeros(3), "rate_drift_unit": 0.0}
+    neutral = {
+        "calibration_sd_unit": 0.0,
+        "clock_offset_unit": np.zeros(3),
+        "rate_drift_unit": 0.0,
+    }
     # the sd of the drift falls where the middle would move by a turn
     phase = 0.01 * np.linalg.norm(BODY.omega) * float(data.t_span) / 8.0
     scale = {"rate_drift_unit": np.sqrt(1.0 + phase**2)}
@@ -173,6 +207,22 @@ def test_a_tumbling_body_with_a_drift_moves_on_from_the_state_that_is_recorded(l
         np.testing.assert_allclose(sites[name] @ base.T, cosines, atol=1e-8)
 
 
+def test_clocks_are_late_by_much_more_often_than_normal_numbers():
+    """The density of offsets is that of Johnson's S_U distribution."""
+    light = small_faults.light_curve(BODY, n=32)
+    problem, data = problem_of(light, **(ALONE | {"clock_sd": 0.3}))
+    late = np.array([-2.0, -0.4, 0.1, 1.0, 2.5])
+    units = [nuisances.normal_of(x / 0.3) for x in late]
+    z = [at_truth(problem, clock_offset_unit=[0.0, u, 0.0]) for u in units]
+    offset = [float(problem.constrain(x, data)["clock_offset"][1]) for x in z]
+    np.testing.assert_allclose(offset, late, rtol=1e-12)
+
+    su = johnsonsu(0.0, 1.0 / 0.7, scale=0.3 / 0.7)
+    density = norm.logpdf(units) - np.log(np.cosh(0.7 * np.array(units)) * 0.3)  # of the offset
+    np.testing.assert_allclose(density, su.logpdf(late), rtol=1e-10)
+    assert 2.0 * su.sf(4.0 * 0.3) > 0.01 > 100.0 * 2.0 * norm.sf(4.0)
+
+
 def test_there_is_no_fault_where_the_data_cannot_contain_it():
     light = small_faults.light_curve(BODY, n=40, n_sites=1, n_passes=1)
     alone, _ = problem_of(light, **ALONE)
@@ -182,7 +232,8 @@ def test_there_is_no_fault_where_the_data_cannot_contain_it():
     data = Epochs.of(light)
     assert float(default.potential(z, data)) == float(alone.potential(z, data))
     two, _ = problem_of(small_faults.light_curve(BODY, n=40, n_sites=2, n_passes=1))
-    assert set(two.names) - set(alone.names) == {"clock_offset_unit", "rate_drift_unit"}
+    faults = {"calibration_sd_unit", "clock_offset_unit", "rate_drift_unit"}
+    assert set(two.names) - set(alone.names) == faults
     two, _ = problem_of(small_faults.light_curve(BODY, n=40, n_sites=1, n_passes=2))
     assert set(two.names) - set(alone.names) == {"rate_drift_unit"}
 

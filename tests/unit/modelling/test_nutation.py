@@ -22,7 +22,7 @@ from lcbayes.tasks.predict.brightness import predicted
 from tests.helpers import small_faults
 
 BODY = small_faults.body(1, 2)
-ALONE = {"zero_point_sd": 0.0, "clock_sd": 0.0, "rate_drift_sd": 0.0}
+ALONE = {"zero_point_sd": 0.0, "zero_point_spread": 0.0, "clock_sd": 0.0, "rate_drift_sd": 0.0}
 RATIO = 0.6
 MOMENTS = {"flat": (0.8, 1.1, 1.7), "long": (1.1, 0.9, 0.35)}  # the third is that of the spin
 

@@ -93,7 +93,8 @@ def test_zero_points_are_those_of_the_site_or_drawn_anew():
 
     body = small_faults.body(1, 1)
     light = small_faults.light_curve(body, small_faults.Fault(zero_point=0.3), n=40, noise=1e-3)
-    problem, data = small_curves.posterior(light, n_facets=1, clock_sd=0.0, rate_drift_sd=0.0)
+    options = {"n_facets": 1, "clock_sd": 0.0, "rate_drift_sd": 0.0, "zero_point_spread": 0.0}
+    problem, data = small_curves.posterior(light, **options)
     sites = {
         "normals_base": jnp.asarray(body.normals),
         "log_albedo_area": jnp.log(jnp.asarray(body.areas)),
@@ -105,7 +106,7 @@ def test_zero_points_are_those_of_the_site_or_drawn_anew():
     draws = dataset({k: v for k, v in kept.items() if not k.startswith("zero_point")})
     zero_point = np.tile([0.0, 0.3], (1, 400, 1))
     draws["zero_point"] = (("chain", "draw", "calibration"), zero_point)
-    options = {"n_facets": 1, "clock_sd": 0.0, "rate_drift_sd": 0.0, "zero_point_sd": 0.05}
+    options["zero_point_sd"] = 0.05
 
     bright = light.brightness > 0.2 * light.brightness.max()
     columns, _ = predicted(draws, light, light, "faceted", options)
@@ -114,6 +115,10 @@ def test_zero_points_are_those_of_the_site_or_drawn_anew():
     columns, _ = predicted(draws, light, other, "faceted", options)
     width = (columns["flux_q95"] - columns["flux_q05"])[bright] / columns["flux_mean"][bright]
     np.testing.assert_allclose(width, 3.29 * 0.4 * np.log(10) * 0.05, rtol=0.15)
+    draws["calibration_sd"] = (("chain", "draw"), np.full((1, 400), 0.1))  # inferred
+    columns, _ = predicted(draws, light, other, "faceted", options)
+    wider = (columns["flux_q95"] - columns["flux_q05"])[bright] / columns["flux_mean"][bright]
+    np.testing.assert_allclose(wider, 2.0 * width, rtol=0.05)
 
 
 def test_free_scales_are_carried_to_the_curve_of_that_name(light):
