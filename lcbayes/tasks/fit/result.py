@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LISTED = 24  # quantities of a solution in the text, and values of one quantity
+LEAST_WEIGHT_SD = 0.0005  # of a weight that is printed with its error
 SHOWN = ("extent_ab", "extent_bc", "ellipsoid_ab", "ellipsoid_bc", "inertia_tilt_deg")
 COLUMNS = ("mean", "sd", "q05", "q50", "q95", "rhat", "ess_bulk", "ess_tail")
 
@@ -138,7 +139,10 @@ class Fit(Result[FitContent]):
         unit = content["fit"]["rms_unit"]
         lines = [*first, "(mean ± standard deviation, and the interval that holds 90 %)"]
         for i, mode in enumerate(content["modes"], 1):
-            lines.append(f"solution {i}: weight {mode['weight']:.3g}, rms {mode['rms']:.4g} {unit}")
+            weight = f"{mode['weight']:.3g}"
+            if mode["weight_sd"] >= LEAST_WEIGHT_SD:
+                weight += f" ± {mode['weight_sd']:.1g}"
+            lines.append(f"solution {i}: weight {weight}, rms {mode['rms']:.4g} {unit}")
             lines += self._rotation(i - 1)
             lines += self._parameters(mode["parameters"])
             lines += _body(mode.get("body"))

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import lcbayes
 from lcbayes.core.errors import InputError
@@ -14,6 +16,7 @@ from lcbayes.data.lightcurve import LightCurve
 from lcbayes.modelling import registry
 from lcbayes.tasks.fit import run as fitting
 from lcbayes.tasks.fit.assumptions import assumptions
+from lcbayes.tasks.fit.result import Fit
 from tests.helpers import small_curves
 
 ERRORS = "The errors of the file are taken as they are, independent"
@@ -148,3 +151,15 @@ def test_the_motion_is_stated(model, options, said):
     stated = assumptions(small_curves.curve(), registry.find(model), options)
     for words in said:
         assert any(line.startswith(words) for line in stated), stated
+
+
+@pytest.mark.parametrize(("sd", "said"), [(0.051, "0.583 ± 0.05"), (0.0, "0.583")])
+def test_a_weight_is_printed_with_its_error(sd, said):
+    modes = [
+        {"weight": weight, "weight_sd": sd, "rms": 0.05, "parameters": {}}
+        for weight in (0.583, 0.417)
+    ]
+    content: Any = {"modes": modes, "fit": {"chi2": 100.0, "rms_unit": "mag"}}
+    tree = xr.DataTree.from_dict({f"/modes/{i}/posterior": xr.Dataset() for i in range(2)})
+    lines = Fit(tree, content, []).lines()
+    assert f"solution 1: weight {said}, rms 0.05 mag" in lines
