@@ -116,16 +116,18 @@ def with_annealed(
     ``annealed`` is a function of draws (n, D). Ratios with larger errors are left as they are.
     """
     base, *others = modes
-    related, whole = [base], None
-    for mode in others:
-        if mode.log_evidence.se >= APART_SE:
-            whole = whole or annealed(_form(base, problem, order, data).z)
-            own = annealed(_form(mode, problem, order, data).z)
-            se = float(np.hypot(whole.se, own.se))
-            if se < APART_SE:
-                mode = _at_ratio(mode, base, LogEvidence(own.value - whole.value, se))
-        related.append(mode)
-    return related
+    if all(mode.log_evidence.se < APART_SE for mode in others):
+        return list(modes)
+    whole = annealed(_form(base, problem, order, data).z)
+
+    def measured(mode: Mode) -> Mode:
+        if mode.log_evidence.se < APART_SE:
+            return mode
+        own = annealed(_form(mode, problem, order, data).z)
+        ratio = LogEvidence(own.value - whole.value, float(np.hypot(whole.se, own.se)))
+        return _at_ratio(mode, base, ratio) if ratio.se < APART_SE else mode
+
+    return [base, *map(measured, others)]
 
 
 def gaussian_error(modes: Sequence[Mode]) -> float:
