@@ -58,6 +58,7 @@ from lcbayes.modelling.registry import Entry
 from lcbayes.samplers import annealing, bridge
 from lcbayes.samplers.bridge import LogEvidence
 from lcbayes.samplers.chains import Whitening
+from lcbayes.samplers.facet_moves import FacetMoves
 from lcbayes.samplers.sampling import BLOCK, OPTIMA, Sampler, Timing
 from lcbayes.samplers.settings import NUTS, PARTICLES, Settings
 from lcbayes.samplers.tempering_path import time_ordered
@@ -353,14 +354,8 @@ class Stages:
         left, share = unsampled(modes, self.plain, problem, rest, order, data)
         error = 0.0
         if sampler.moves is not None:
-            annealed = partial(
-                annealing.log_evidence,
-                problem,
-                data,
-                sampler.moves,
-                key=jax.random.fold_in(key, len(sampled)),
-                workers=self.workers,
-            )
+            seed = jax.random.fold_in(key, len(sampled))
+            annealed = partial(self._annealed, problem, data, sampler.moves, key=seed)
             modes, error = related(modes, problem, order, data, share, annealed)
         share = largest_share(share, error)
         log_evidence = weigh(modes)
@@ -378,6 +373,15 @@ class Stages:
             found.searched,
             spins,
         )
+
+    def _annealed(
+        self, problem: Problem, data: Epochs, moves: FacetMoves, draws: Floats, key: jax.Array
+    ) -> LogEvidence:
+        """The evidence of a rotation by annealing, which is announced because it takes minutes."""
+        self.progress.say(
+            "weighing a rotation whose posterior overlaps with no other, by annealing"
+        )
+        return annealing.log_evidence(problem, data, moves, draws, key, self.workers)
 
 
 def posterior_of(

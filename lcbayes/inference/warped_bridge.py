@@ -89,19 +89,25 @@ def with_ratios(
 ) -> list[Mode]:
     """The solutions with evidences relative to that of the first, whose error is set to zero.
 
-    Where the posteriors do not overlap, the ratio is that of the Gaussian (Laplace) approximations
-    with an error of `APART_SE`.
+    A solution whose posterior overlaps neither with that of the first nor, by a bridge, with that
+    of another that is related to it, gets the ratio of the Gaussian (Laplace) approximations with
+    an error of `APART_SE`.
     """
     first, *others = sorted(modes, key=lambda m: -m.solution.log_evidence)
     base = replace(first, log_evidence=LogEvidence(first.log_evidence.value, 0.0))
-    form = _form(first, problem, order, data)
-    related = [base]
+    found, bridged = [base], [(_form(first, problem, order, data), LogEvidence(0.0, 0.0))]
     for mode in others:
-        ratio = _ratio(form, _form(mode, problem, order, data), problem, order, data)
-        if not ratio.se < LARGEST_SE:
-            ratio = LogEvidence(_gaussian_ratio(mode, first), APART_SE)
-        related.append(_at_ratio(mode, base, ratio))
-    return related
+        form = _form(mode, problem, order, data)
+        ratio = LogEvidence(_gaussian_ratio(mode, first), APART_SE)
+        for other, known in bridged:
+            step = _ratio(other, form, problem, order, data)
+            se = float(np.hypot(known.se, step.se))
+            if se < LARGEST_SE:
+                ratio = LogEvidence(known.value + step.value, se)
+                bridged.append((form, ratio))
+                break
+        found.append(_at_ratio(mode, base, ratio))
+    return found
 
 
 def with_annealed(
@@ -133,17 +139,18 @@ def with_annealed(
 def gaussian_error(modes: Sequence[Mode]) -> float:
     """Largest error (nats) of the Gaussian approximations of ratios of evidences of `with_ratios`.
 
-    It is `APART_SE` where fewer than `FEWEST` ratios are known. Solutions of one form that were not
-    sampled are approximated about as well as those that were.
+    It is `APART_SE` where a bridge failed or there are fewer than `FEWEST`. Solutions of one form
+    that were not sampled are approximated about as well as those that were.
     """
     base, *others = modes
-    errors = [
+    if len(others) < FEWEST or any(m.log_evidence.se >= LARGEST_SE for m in others):
+        return APART_SE
+    errors = (
         abs(m.log_evidence.value - base.log_evidence.value - _gaussian_ratio(m, base))
         + m.log_evidence.se
         for m in others
-        if m.log_evidence.se < LARGEST_SE
-    ]
-    return min(max(errors), APART_SE) if len(errors) >= FEWEST else APART_SE
+    )
+    return min(max(errors), APART_SE)
 
 
 def _gaussian_ratio(mode: Mode, base: Mode) -> float:

@@ -11,6 +11,7 @@ from jax.scipy.spatial.transform import Rotation
 from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Silent
+from lcbayes.inference import warped_bridge
 from lcbayes.inference.arrangements import by_motion, joint, plausible
 from lcbayes.inference.fit import Stages
 from lcbayes.inference.label_switching import FacetOrder
@@ -128,6 +129,23 @@ def test_solutions_that_do_not_overlap_keep_a_large_error(data):
     wrong.z = wrong.z + 100.0 * rng.standard_normal(wrong.z.shape)  # not draws of the density
     _, second = with_ratios([mode(0, rng), wrong], problem, order, data)
     assert second.log_evidence.se == APART_SE
+
+
+def test_a_solution_is_related_through_another_that_it_overlaps_with(monkeypatch, data):
+    """Ratios by bridges of 1 to 2 and of 2 to 3 give that of 1 to 3, whose own bridge fails."""
+    problem: Any = TwoRotations()
+    order = FacetOrder(problem, ("normals_base", "log_albedo_area"))
+    rng = np.random.default_rng(0)
+    modes = [mode(k % 2, rng, 40) for k in range(3)]
+    for k, one in enumerate(modes):
+        one.solution = replace(one.solution, log_evidence=-float(k))
+    steps = {(0, 1): (-0.5, 0.3), (0, 2): (9.0, 5.0), (1, 2): (-0.7, 0.4)}
+    names = {id(one): k for k, one in enumerate(modes)}
+    monkeypatch.setattr(warped_bridge, "_form", lambda one, *_: names[id(one)])
+    monkeypatch.setattr(warped_bridge, "_ratio", lambda a, b, *_: LogEvidence(*steps[a, b]))
+    first, second, third = (m.log_evidence for m in with_ratios(modes, problem, order, data))
+    assert (second.value - first.value, second.se) == pytest.approx((-0.5, 0.3))
+    assert (third.value - first.value, third.se) == pytest.approx((-1.2, 0.5))
 
 
 def test_solutions_that_do_not_overlap_are_weighed_by_annealing(data):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -217,7 +218,7 @@ def test_clocks_are_late_by_much_more_often_than_normal_numbers():
     offset = [float(problem.constrain(x, data)["clock_offset"][1]) for x in z]
     np.testing.assert_allclose(offset, late, rtol=1e-12)
 
-    su = johnsonsu(0.0, 1.0 / 0.7, scale=0.3 / 0.7)
+    su: Any = johnsonsu(0.0, 1.0 / 0.7, scale=0.3 / 0.7)
     density = norm.logpdf(units) - np.log(np.cosh(0.7 * np.array(units)) * 0.3)  # of the offset
     np.testing.assert_allclose(density, su.logpdf(late), rtol=1e-10)
     assert 2.0 * su.sf(4.0 * 0.3) > 0.01 > 100.0 * 2.0 * norm.sf(4.0)
