@@ -19,6 +19,9 @@ from lcbayes.inference.spin_solutions import largest_share
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
 
+MORE = 2
+GAUSSIAN_SE = 1.5  # nats, of the Gaussian approximation of the evidence of a motion; bridges: 0.9
+
 
 def by_motion(
     problem: Problem, data: Epochs, solutions: Sequence[Solution]
@@ -53,6 +56,16 @@ def plausible(group: Sequence[Solution], error: float) -> list[Solution]:
     """
     parts = zip(group, shares(group), strict=True)
     return [s for s, part in parts if largest_share(part, error) > MAX_LEFT_OUT]
+
+
+def number_to_sample(groups: Sequence[Sequence[Solution]], most: int) -> int:
+    """How many groups are sampled: ``most``, or up to `MORE` as many where that is all of them.
+
+    Weights are of use if every group is sampled that may hold a noticeable share of the posterior.
+    Where there are many more of these, a few are as good as some more.
+    """
+    likely = len(plausible([joint(group) for group in groups], GAUSSIAN_SE))
+    return likely if most < likely <= MORE * most else most
 
 
 def joint(group: Sequence[Solution]) -> Solution:

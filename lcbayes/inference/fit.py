@@ -28,7 +28,7 @@ from lcbayes.inference import (
     symmetry,
     tumbling_search,
 )
-from lcbayes.inference.arrangements import by_motion, joint, plausible
+from lcbayes.inference.arrangements import by_motion, joint, number_to_sample, plausible
 from lcbayes.inference.label_switching import AttitudeOrder, FacetOrder
 from lcbayes.inference.modes import (
     Mode,
@@ -270,7 +270,8 @@ class Stages:
         if self.sampler(problem, data).moves is None:
             return found[:most]
         groups = by_motion(problem, data, found)[:most]
-        here, rest = groups[: self.settings.max_modes], groups[self.settings.max_modes :]
+        likely = number_to_sample(groups, self.settings.max_modes)
+        here, rest = groups[:likely], groups[likely:]
         return [s for group in here for s in group[:OPTIMA]] + [group[0] for group in rest]
 
     def sampler(self, problem: Problem, data: Epochs) -> Sampler:
@@ -328,8 +329,10 @@ class Stages:
         order = self.order(problem)
         sampler = self.sampler(problem, data)
         groups = self.groups(sampler, found)
-        sampled = groups[: settings.max_modes]
-        rest = [s for group in groups[settings.max_modes :] for s in group]
+        most = settings.max_modes
+        if sampler.moves is not None:
+            most = number_to_sample(groups, most)
+        sampled, rest = groups[:most], [s for group in groups[most:] for s in group]
         modes: list[Mode] = []
         draws = len(sampled) * settings.num_chains * sum(sampler.n_blocks) * BLOCK
         with self.progress.stage("sampling", draws, "draws") as track:

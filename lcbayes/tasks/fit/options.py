@@ -47,7 +47,11 @@ class FitOptions(ModelOptions):
         help="starts of the search from the prior; 0: all spins of diffuse facets are visited, "
         "and for other models the number of parameters decides",
     )
-    max_modes: int = option(4, low=1, help="largest number of solutions to sample")
+    max_modes: int = option(
+        4,
+        low=1,
+        help="largest number of solutions to sample, or twice that where it is all of them",
+    )
     sparse: int | None = option(
         None,
         low=2,

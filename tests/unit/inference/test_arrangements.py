@@ -12,7 +12,7 @@ from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Silent
 from lcbayes.inference import warped_bridge
-from lcbayes.inference.arrangements import by_motion, joint, plausible
+from lcbayes.inference.arrangements import by_motion, joint, number_to_sample, plausible
 from lcbayes.inference.fit import Stages
 from lcbayes.inference.label_switching import FacetOrder
 from lcbayes.inference.modes import Mode
@@ -170,6 +170,21 @@ def test_solutions_that_do_not_overlap_are_weighed_by_annealing(data):
     _, second = with_annealed(apart, problem, order, data, failed)
     assert second.log_evidence.se == APART_SE
     assert np.isfinite(second.log_evidence.value)
+
+
+@pytest.mark.parametrize(
+    ("deficits", "number"),
+    [
+        ((0.0,), 4),
+        ((0.0, 1.0, 3.0, 5.0, 6.0), 5),  # the fifth may hold 5 % if its evidence is 3 nats higher
+        ((0.0, 1.0, 3.0, 5.0, 20.0), 4),
+        ((0.0,) * 8, 8),
+        ((0.0,) * 9, 4),
+    ],
+)
+def test_all_rotations_are_sampled_if_they_are_few(deficits, number):
+    groups = [[Solution(np.zeros(2), 0.0, -deficit, 0.0, 1)] for deficit in deficits]
+    assert number_to_sample(groups, 4) == number
 
 
 def test_bridges_show_the_error_of_gaussian_approximations():
