@@ -16,11 +16,11 @@ from lcbayes.inference.modes import MAX_LEFT_OUT, shares
 from lcbayes.inference.motions import motion, same_motion
 from lcbayes.inference.solutions import Solution
 from lcbayes.inference.spin_solutions import largest_share
+from lcbayes.inference.warped_bridge import APART_SE
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
 
 MORE = 2
-GAUSSIAN_SE = 1.5  # nats, of the Gaussian approximation of the evidence of a motion; bridges: 0.9
 
 
 def by_motion(
@@ -64,7 +64,7 @@ def number_to_sample(groups: Sequence[Sequence[Solution]], most: int) -> int:
     Weights are of use if every group is sampled that may hold a noticeable share of the posterior.
     Where there are many more of these, a few are as good as some more.
     """
-    likely = len(plausible([joint(group) for group in groups], GAUSSIAN_SE))
+    likely = len(plausible([joint(group) for group in groups], APART_SE))
     return likely if most < likely <= MORE * most else most
 
 
