@@ -142,12 +142,14 @@ def test_a_period_that_is_not_accurate_enough_for_an_asteroid_is_scanned_first()
 def test_periods_that_explain_nearly_as_much_are_named_with_the_scan():
     result = lcbayes.look(steady(3, 50.0, spinning=True))
     asteroid = replace(result.curve, frame="ecliptic-j2000", range_km=None)
-    first = replace(result.data.listed[0], explained=0.8)
+    candidates = result.data
+    assert candidates is not None
+    first = replace(candidates.listed[0], explained=0.8)
     facts = dict(result.content) | {"orbit": False, "span_s": 1e8}
 
     def reason(explained, joined=True):
         other = replace(first, period_s=18_000.0, explained=explained)
-        found = replace(result.data, joined=joined, listed=[first, other])
+        found = replace(candidates, joined=joined, listed=[first, other])
         return next(one.why for one in advise(asteroid, facts, found) if " scan" in one.command)
 
     assert reason(0.75) == "a period is detected; 5 h explains nearly as much: scan there too"
