@@ -38,7 +38,7 @@ VARIANTS: dict[str, dict[str, float]] = {
     "all three (default)": {},
     "all three and nutation": {"nutation_ratio": 0.4},
 }
-GRADIENTS, ROUNDS, DRAWS = 200, 6, 40
+GRADIENTS, ROUNDS, DRAWS = 10_000, 6, 40  # gradients that outlast the steps of a coarse clock
 BODY: dict[str, Any] = {"n_facets": 3, "reflectance": "lambertian"}
 
 
