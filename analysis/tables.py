@@ -198,9 +198,7 @@ def residual_table(results: Results) -> dict[str, Any] | None:
         [
             name_of_test(t["name"]),
             f"{t['statistic']:.3g}",
-            p_words(t["p_value"], t.get("upper_limit", False))
-            .removeprefix("p ")
-            .removeprefix("= "),
+            p_words(t["p_value"], t.get("upper_limit", False)).removeprefix("= "),
         ]
         for t in sorted(fit["tests"], key=lambda t: t["p_value"])
     ]

@@ -39,11 +39,8 @@ SUMMARY = "a body of known parts, constant rate: attitude, omega, surface, scale
 STILL_DEG = 15.0  # of the bisector, from its mean, below which the turn about it is a coordinate
 SLOW_SHADOWS = 5.0  # times as long, from which on the search has none
 ROUGH = 0.02  # tolerance of the body of such a search
-POOLED = {
-    "zero_point_spread": 0.0,
-    "clock_sd": 0.0,
-    "rate_drift_sd": 0.0,
-}  # during the search for solutions
+# during the search for solutions
+POOLED = {"zero_point_spread": 0.0, "clock_sd": 0.0, "rate_drift_sd": 0.0}
 SEARCHED = {"zero_point_sd": 0.0, "correlated_noise": False, "noise_law": "gaussian", "period": ""}
 DIFFUSE_UNIT = {"r_diff": 1.0, "r_spec": 1.0, "w": 4.0 * np.pi}  # for which area is albedo-area
 

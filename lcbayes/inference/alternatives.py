@@ -21,7 +21,7 @@ from lcbayes.modelling.likelihood import FLUX
 from lcbayes.modelling.nutation import in_phase
 from lcbayes.modelling.problem import Problem, Sites, compiled
 from lcbayes.physics.bodies import facets
-from lcbayes.physics.reflectance import shoulder
+from lcbayes.physics.brightness import DiffuseLaw, diffuse_kernel
 
 Floats = NDArray[np.float64]
 
@@ -32,6 +32,11 @@ FLATTEST = 1e-3  # cosine of the angle of incidence or emission for the longest 
 UPRIGHT = 0.5  # cosine between their normals, at most
 LOBES = (10.0, 30.0, 100.0)  # exponents of the cosine between normal and bisector
 GRID = 96  # directions of a further facet
+LAWS: dict[str, DiffuseLaw] = {  # the second without its term of Lambert
+    "Lambert's law": "lambertian",
+    "the law of Lommel and Seeliger": "lommel-seeliger-lambert",
+    "the law of Ashikhmin and Shirley": "non-lambertian",
+}
 SAME_LAW = 1e-6  # of the mean flux: a law whose brightness differs by less is that of the model
 MAX_FREQUENCIES = 256
 MAX_NIGHTS = 6  # with nutation of their own
@@ -221,19 +226,10 @@ def _laws(flux: Floats, sites: Sites) -> Iterator[Alternative]:
     The laws are Lambert's, μ₀μ, that of Lommel and Seeliger, μ₀μ/(μ₀ + μ), and that of Ashikhmin
     and Shirley, [1 − (1 − μ₀/2)⁵][1 − (1 − μ/2)⁵] μ₀μ. That of the model itself changes nothing.
     """
-    normals, area = (np.asarray(sites[k]) for k in ("normals", "albedo_area"))
-    mu0, mu = (np.maximum(np.asarray(sites[k]) @ normals.T, 0.0) for k in ("sun_body", "obs_body"))
-    lit = (mu0 > 0) & (mu > 0)
-    kernels = {
-        "Lambert's law": np.ones_like(mu),
-        "the law of Lommel and Seeliger": 1.0 / np.where(lit, mu0 + mu, 1.0),
-        "the law of Ashikhmin and Shirley": np.asarray(
-            shoulder(jnp.asarray(mu0)) * shoulder(jnp.asarray(mu))
-        ),
-    }
+    mu0, mu = (sites[k] @ sites["normals"].T for k in ("sun_body", "obs_body"))
     columns, labels = [], []
-    for name, kernel in kernels.items():
-        light = (kernel * mu0 * mu) @ area
+    for name, law in LAWS.items():
+        light = np.asarray(diffuse_kernel(law, mu0, mu, 0.0)[0] @ sites["albedo_area"])
         change = light * (flux.mean() / max(light.mean(), 1e-300)) - flux
         if np.ptp(change) > SAME_LAW * flux.mean():
             columns.append(change[None])

@@ -20,7 +20,7 @@ from lcbayes.inference.warped_bridge import APART_SE
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
 
-MORE = 2
+LARGEST_FACTOR = 2  # of the usual number of motions, if these are all
 
 
 def by_motion(
@@ -59,13 +59,13 @@ def plausible(group: Sequence[Solution], error: float) -> list[Solution]:
 
 
 def number_to_sample(groups: Sequence[Sequence[Solution]], most: int) -> int:
-    """How many groups are sampled: ``most``, or up to `MORE` as many where that is all of them.
+    """How many groups to sample: ``most``, or up to `LARGEST_FACTOR` as many if these are all.
 
     Weights are of use if every group is sampled that may hold a noticeable share of the posterior.
     Where there are many more of these, a few are as good as some more.
     """
     likely = len(plausible([joint(group) for group in groups], APART_SE))
-    return likely if most < likely <= MORE * most else most
+    return likely if most < likely <= LARGEST_FACTOR * most else most
 
 
 def joint(group: Sequence[Solution]) -> Solution:

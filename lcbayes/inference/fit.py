@@ -357,8 +357,8 @@ class Stages:
         left, share = unsampled(modes, self.plain, problem, rest, order, data)
         error = 0.0
         if sampler.moves is not None:
-            seed = jax.random.fold_in(key, len(sampled))
-            annealed = partial(self._annealed, problem, data, sampler.moves, key=seed)
+            key = jax.random.fold_in(key, len(sampled))
+            annealed = partial(self._annealed, problem, data, sampler.moves, key=key)
             modes, error = related(modes, problem, order, data, share, annealed)
         share = largest_share(share, error)
         log_evidence = weigh(modes)

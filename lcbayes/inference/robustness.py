@@ -28,8 +28,8 @@ Floats = NDArray[np.float64]
 CLOCK_S, ZERO_POINT_MAG, DRIFT_PERCENT = 0.1, 0.03, 1.0
 SITE_KM, ALONG_TRACK_KM = 0.1, 1.0  # elements lose about 1 km along the track in a day
 ERROR_FACTOR = 1.4
+# meant to move
 NUISANCES = ("zero_point", "calibration", "clock_offset", "rate_drift", "nutation")
-# they are meant to move
 FAULTS = (
     "shadows",
     "clock_0.1_s",

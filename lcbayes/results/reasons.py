@@ -255,7 +255,7 @@ CAUSES = {
     "shadows = true in the body's file",
     "notch": "the body shades itself: {version} stand on one another, which no convex body has",
     "facet": "there is a further facet of albedo-area {size}, about {version}",
-    "law": "the surface scatters as {version} does, in part (share {size}, where 1 is all of it)",
+    "law": "the surface scatters in part by {version} (share {size}, where 1 is all of it)",
 }
 TESTS = {
     "chi2": "χ²",
@@ -311,10 +311,10 @@ def why(misfit: Misfit) -> str:
     worst = examination.refused[0]
     chi2 = next(t for t in examination.tests if t.name == "chi2")
     p = p_words(chi2.p_value, chi2.upper_limit)
-    said = f"chi2 is {misfit.chi2:.0f} for {misfit.dof:g} degrees of freedom ({p})"
+    said = f"chi2 is {misfit.chi2:.0f} for {misfit.dof:g} degrees of freedom (p {p})"
     if chi2.p_value >= examination.limit:
         said += (
-            f", but {p_words(worst.p_value, worst.upper_limit)} for {name_of_test(worst.name)} "
+            f", but p {p_words(worst.p_value, worst.upper_limit)} for {name_of_test(worst.name)} "
             f"(limit {examination.limit:.2g})"
         )
     errors = chi2.p_value < examination.limit
@@ -338,11 +338,11 @@ def why(misfit: Misfit) -> str:
 
 
 def p_words(p_value: float, upper_limit: bool) -> str:
-    """A p-value of a simulated test, such as ``p = 0.02``, or ``p < 0.0003`` for a limit."""
+    """A p-value of a simulated test, such as ``= 0.02``, or ``< 0.0003`` for a limit."""
     if not upper_limit:
-        return f"p = {p_value:.1g}"
+        return f"= {p_value:.1g}"
     unit = 10.0 ** np.floor(np.log10(p_value))
-    return f"p < {np.ceil(p_value / unit) * unit:.1g}"
+    return f"< {np.ceil(p_value / unit) * unit:.1g}"
 
 
 def agreement(weights: Sequence[float], tested: bool = True) -> str:

@@ -22,7 +22,7 @@ from lcbayes.geometry.times import Times
 from lcbayes.inference import alternatives, goodness_of_fit, misfit_tests, robustness
 from lcbayes.inference.fit import Posterior
 from lcbayes.inference.goodness_of_fit import Misfit
-from lcbayes.inference.modes import Mode
+from lcbayes.inference.modes import MAX_LEFT_OUT, Mode
 from lcbayes.inference.solutions import optimum
 from lcbayes.inference.spin_search.cells import Coverage
 from lcbayes.inference.spin_solutions import largest_share
@@ -56,7 +56,6 @@ type ShadowsOf = Callable[[Sequence[Sites], Epochs], Floats | None]
 
 # Limits of what is trusted, besides those of `samplers.convergence`
 SURE_SE = 0.5  # nats; weights with smaller errors are not doubted
-SURE_SHARE = 0.05  # of the posterior that a solution may hold beyond its weight without doubt
 MAX_APART = 1.05  # R-hat between independent runs
 MAX_SHIFT = 0.5  # sd, by shadows that are left out; 90 % intervals still hold 86 %
 SHADOW_DRAWS = 3  # draws at which these are computed, besides the optimum
@@ -313,8 +312,8 @@ def _findings(posterior: Posterior, modes: list[ModeContent], misfit: Misfit) ->
     for i, (mode, entry) in enumerate(zip(posterior.modes, modes, strict=True)):
         about = f"solution {i + 1}" if len(modes) > 1 else ""
         error = mode.log_evidence.se
-        more = largest_share(mode.weight, error) - mode.weight
-        if len(modes) > 1 and error > SURE_SE and more > SURE_SHARE:
+        noticeable = largest_share(mode.weight, error) > MAX_LEFT_OUT
+        if len(modes) > 1 and error > SURE_SE and noticeable:
             yield Finding("weight-uncertain", {"se": error}, about)
         # A solution of negligible weight is shown, but its chains do not affect the verdict.
         if mode.weight < 1e-3 and i:

@@ -50,7 +50,8 @@ class FitOptions(ModelOptions):
     max_modes: int = option(
         4,
         low=1,
-        help="largest number of solutions to sample, or twice that where it is all of them",
+        help="largest number of solutions to sample; of rotations of facets, up to twice as many "
+        "if these are all",
     )
     sparse: int | None = option(
         None,

@@ -133,7 +133,7 @@ def best_fit(problem, light):
         (Fault(clock=3.0), "clock", "the times of B are"),
         (Fault(nutation_deg=2.5), "nutation", "the body nutates by"),
         (Fault(lobe=0.4), "lobe", "facet 0 has a weak lobe of exponent 30"),
-        (Fault(lommel_seeliger=0.5), "law", "scatters as the law of Lommel and Seeliger does"),
+        (Fault(lommel_seeliger=0.5), "law", "scatters in part by the law of Lommel and Seeliger"),
     ],
 )
 def test_a_gross_fault_is_refused_and_named(faceted, fault, name, says):
