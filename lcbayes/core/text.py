@@ -17,17 +17,6 @@ def join_words(words: Iterable[str]) -> str:
     return f"{', '.join(first)} and {last}" if first else last
 
 
-def as_sentence(words: str) -> str:
-    """Words with a capital letter and a full stop, as they are if they have both.
-
-    Examples
-    --------
-    >>> as_sentence("times are those of the middle of each exposure")
-    'Times are those of the middle of each exposure.'
-    """
-    return words[:1].upper() + words[1:] + "." * (not words.endswith((".", "!", "?")))
-
-
 def probability(value: float) -> str:
     """A probability that is never written as certain.
 

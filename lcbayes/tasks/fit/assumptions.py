@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from lcbayes.core.text import as_sentence
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.data.observers import calibrations, observers
 from lcbayes.data.segments import PASS, split
@@ -168,4 +167,4 @@ def _of_data(curve: LightCurve, entry: Entry, options: Mapping[str, Any]) -> Ite
     if curve.kind == "mag" and unknown:
         yield f"The Sun's V magnitude was used for the band {', '.join(unknown)}."
     if notes := curve.source.get("notes"):
-        yield as_sentence(str(notes))
+        yield f"Noted on reading the file: {str(notes).removesuffix('.')}."

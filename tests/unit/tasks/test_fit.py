@@ -163,3 +163,10 @@ def test_a_weight_is_printed_with_its_error(sd, said):
     tree = xr.DataTree.from_dict({f"/modes/{i}/posterior": xr.Dataset() for i in range(2)})
     lines = Fit(tree, content, []).lines()
     assert f"solution 1: weight {said}, rms 0.05 mag" in lines
+
+
+def test_notes_of_a_file_keep_the_names_of_its_columns():
+    light = small_curves.curve()
+    noted = replace(light, source=dict(light.source) | {"notes": "sun_x .. sun_z are odd"})
+    said = assumptions(noted, registry.find("faceted"), {})
+    assert said[-1] == "Noted on reading the file: sun_x .. sun_z are odd."
