@@ -26,6 +26,8 @@ from lcbayes.physics.brightness import DiffuseLaw, diffuse_kernel
 Floats = NDArray[np.float64]
 
 CLOCK_STEP_S, ANGLE_STEP = 1e-3, 1e-4  # of differences; brightness is smooth over both
+# Changes up to which the brightness is nearly linear in them.
+LINEAR_MAG, LINEAR_TURN = 0.5, 0.15  # mag; rad
 NOTCHES = (0.05, 0.15, 0.5, 2.0, 7.0, 20.0)  # height of the wall over the depth of the floor
 LARGEST = 6  # facets that may form notches
 FLATTEST = 1e-3  # cosine of the angle of incidence or emission for the longest shadow
@@ -61,6 +63,8 @@ class Alternative:
         The version, for the sentence.
     one_sided : bool
         Whether the amounts can only be positive.
+    reach : float
+        Amount up to which the change of the brightness is nearly linear.
     """
 
     name: str
@@ -69,6 +73,7 @@ class Alternative:
     columns: Floats
     labels: tuple[str, ...] = ("",)
     one_sided: bool = False
+    reach: float = np.inf
 
 
 def alternatives(
@@ -90,9 +95,10 @@ def alternatives(
     sites = compiled(problem.constrain)(jnp.asarray(z), data)
     flux = np.asarray(sites[FLUX])
     spins = "omega" in sites
-    candidates = [*_calibration(flux, data, names), *_clocks(problem, z, data, names, spins)]
+    rate = float(np.linalg.norm(np.asarray(sites.get("omega", 0.0))))
+    candidates = [*_calibration(flux, data, names), *_clocks(problem, z, data, names, spins, rate)]
     if spins:
-        candidates += _drift(problem, z, data)
+        candidates += _drift(problem, z, data, rate)
         candidates += [] if kinds else _nutation(problem, z, data, sites)
     if "sun_body" in sites and not kinds:
         candidates += [*_lobes(sites), *_further_facet(sites), *_notches(sites)]
@@ -129,15 +135,21 @@ def _calibration(
                 continue
             seen.add(key)
             column = np.where(here, -0.4 * np.log(10.0) * flux, 0.0)
-            yield Alternative("zero-point", name, "mag", column[None, None])
+            yield Alternative("zero-point", name, "mag", column[None, None], reach=LINEAR_MAG)
     phase = np.asarray(data.phase_angle)
     if np.ptp(phase) > 0.1:
         column = -0.4 * np.log(10.0) * flux * (phase - phase.mean())
-        yield Alternative("phase-slope", "", "mag/rad", column[None, None])
+        reach = LINEAR_MAG / np.ptp(phase)
+        yield Alternative("phase-slope", "", "mag/rad", column[None, None], reach=reach)
 
 
 def _clocks(
-    problem: Problem, z: Floats, data: Epochs, names: dict[str, tuple[str, ...]], spins: bool
+    problem: Problem,
+    z: Floats,
+    data: Epochs,
+    names: dict[str, tuple[str, ...]],
+    spins: bool,
+    spin: float,
 ) -> Iterator[Alternative]:
     """The times of an observer, or of one of its passes if the body spins, are late by s.
 
@@ -149,11 +161,11 @@ def _clocks(
     several = data.n_observers > 1
     if not several and len(passes) < 2:
         return
-    rate = _by_time(problem, z, data, moving=True)
+    rate, reach = _by_time(problem, z, data, moving=True), LINEAR_TURN / max(spin, 1e-300)
     for k, name in enumerate(names["observers"][:MAX_NAMED]):
         if several:
             column = np.where(observer == k, rate, 0.0)
-            yield Alternative("clock", name, "s", column[None, None])
+            yield Alternative("clock", name, "s", column[None, None], reach=reach)
         own = [rows for rows in passes if observer[rows[0]] == k]
         of = f" of {name}" if several else ""
         for number, rows in enumerate(own[:MAX_NAMED] if len(own) > 1 else [], 1):
@@ -161,15 +173,17 @@ def _clocks(
             column[rows] = rate[rows]
             if t[rows[0]] == t.min():
                 column -= _by_time(problem, z, data, moving=False)
-            yield Alternative("late-pass", f"pass {number}{of}", "s", column[None, None])
+            about = f"pass {number}{of}"
+            yield Alternative("late-pass", about, "s", column[None, None], reach=reach)
 
 
-def _drift(problem: Problem, z: Floats, data: Epochs) -> Iterator[Alternative]:
+def _drift(problem: Problem, z: Floats, data: Epochs, spin: float) -> Iterator[Alternative]:
     """The rate of rotation changes over the light curve by a relative amount."""
     t, middle = np.asarray(data.t), float(data.t_middle)
     warp = ((t - middle) ** 2 - middle**2) / (2.0 * float(data.t_span))
     column = warp * _by_time(problem, z, data, moving=False)
-    yield Alternative("rate-drift", "", "%", 0.01 * column[None, None])
+    reach = LINEAR_TURN / max(0.01 * spin * float(np.max(np.abs(warp))), 1e-300)
+    yield Alternative("rate-drift", "", "%", 0.01 * column[None, None], reach=reach)
 
 
 def _nutation(problem: Problem, z: Floats, data: Epochs, sites: Sites) -> Iterator[Alternative]:
@@ -197,7 +211,8 @@ def _nutation(problem: Problem, z: Floats, data: Epochs, sites: Sites) -> Iterat
     columns = (each[:, None] * here[:, None]).reshape(n, -1, turn.size)
     unit = np.radians(np.sqrt(2.0 * data.n_nights))
     labels = tuple(f"{r:.4g} times the rate of rotation" for r in ratio)
-    yield Alternative("nutation", "", "deg", unit * columns, labels)
+    reach = float(np.degrees(LINEAR_TURN))
+    yield Alternative("nutation", "", "deg", unit * columns, labels, reach=reach)
 
 
 def _lobes(sites: Sites) -> Iterator[Alternative]:

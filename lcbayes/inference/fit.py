@@ -58,7 +58,6 @@ from lcbayes.modelling.registry import Entry
 from lcbayes.samplers import annealing, bridge
 from lcbayes.samplers.bridge import LogEvidence
 from lcbayes.samplers.chains import Whitening
-from lcbayes.samplers.facet_moves import FacetMoves
 from lcbayes.samplers.sampling import BLOCK, OPTIMA, Sampler, Timing
 from lcbayes.samplers.settings import NUTS, PARTICLES, Settings
 from lcbayes.samplers.tempering_path import time_ordered
@@ -358,7 +357,7 @@ class Stages:
         error = 0.0
         if sampler.moves is not None:
             key = jax.random.fold_in(key, len(sampled))
-            annealed = partial(self._annealed, problem, data, sampler.moves, key=key)
+            annealed = partial(self._annealed, problem, data, key)
             modes, error = related(modes, problem, order, data, share, annealed)
         share = largest_share(share, error)
         log_evidence = weigh(modes)
@@ -378,13 +377,11 @@ class Stages:
         )
 
     def _annealed(
-        self, problem: Problem, data: Epochs, moves: FacetMoves, draws: Floats, key: jax.Array
+        self, problem: Problem, data: Epochs, key: jax.Array, *between: Floats
     ) -> LogEvidence:
-        """The evidence of a rotation by annealing, which is announced because it takes minutes."""
-        self.progress.say(
-            "weighing a rotation whose posterior overlaps with no other, by annealing"
-        )
-        return annealing.log_evidence(problem, data, moves, draws, key, self.workers)
+        """The ratio of two evidences by annealing, which is announced because it takes time."""
+        self.progress.say("weighing a rotation that overlaps with no other, by annealing")
+        return annealing.log_ratio(problem, data, *between, key, self.workers)
 
 
 def posterior_of(

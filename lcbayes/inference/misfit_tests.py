@@ -74,6 +74,8 @@ class Explanation(NamedTuple):
         Of a gain as large for any version of this alternative.
     relative_p_value : float
         Of as large a share of chi2, which does not depend on the size of the errors.
+    rough : bool
+        Whether the amount is too large for the linear change of the brightness that it assumes.
     """
 
     name: str
@@ -85,6 +87,7 @@ class Explanation(NamedTuple):
     gain: float
     p_value: float
     relative_p_value: float = 0.0
+    rough: bool = False
 
 
 @dataclass(frozen=True)
@@ -458,7 +461,8 @@ def _explanation(one: Alternative, best: int, every: Floats, maker: Projection) 
     sd = float(np.sqrt(np.mean(np.var(amounts[:, 1:], axis=1))))
     gain = float(_gain(columns, every[:1], maker, one.one_sided)[0])
     version = one.labels[best]
-    return Explanation(one.name, one.about, one.unit, version, amount, sd, gain, 1.0, 1.0)
+    rough = abs(amount) > one.reach
+    return Explanation(one.name, one.about, one.unit, version, amount, sd, gain, 1.0, 1.0, rough)
 
 
 def _ranks(values: Floats) -> Floats:

@@ -23,7 +23,6 @@ from lcbayes.inference.basins import evenly, potentials
 from lcbayes.inference.label_switching import FacetOrder
 from lcbayes.inference.modes import MAX_LEFT_OUT, Mode
 from lcbayes.inference.motions import attitudes
-from lcbayes.inference.spin_solutions import largest_share
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
 from lcbayes.samplers.bridge import LogEvidence, log_ratio
@@ -33,11 +32,33 @@ Floats = NDArray[np.float64]
 
 DRAWS = 1500  # of each solution
 EFFECTIVE = 200.0  # of these, in the error
-LARGEST_SE = 1.0  # nats, above which a bridge does not hold
+LARGEST_SE = 0.5  # nats, above which a weight is uncertain and a bridge does not hold
 APART_SE = 3.0  # nats
 FEWEST = 2  # ratios that show the error of Gaussian approximations
 FIXED = np.cos(np.radians(10.0))  # mean resultant length above which a normal is determined
 FIXED_AREA = 0.5  # sd of ln(area) below which an area is determined
+
+
+Annealed = Callable[[Floats, Floats, Floats, Floats], LogEvidence]
+
+
+class Overlay(NamedTuple):
+    """An affine map from one solution to another, and draws of the other in the same order.
+
+    Attributes
+    ----------
+    matrix, shift : (D, D), (D,)
+        z → M z + c.
+    there : (n, D)
+        Draws of the other solution, with facets in the order of the first.
+    centre : (D,)
+        Of these draws.
+    """
+
+    matrix: Floats
+    shift: Floats
+    there: Floats
+    centre: Floats
 
 
 class Form(NamedTuple):
@@ -66,7 +87,7 @@ def related(
     order: FacetOrder,
     data: Epochs,
     share: float,
-    annealed: Callable[[Floats], LogEvidence],
+    annealed: Annealed,
 ) -> tuple[list[Mode], float]:
     """Rotations with ratios of their evidences, and the error of Gaussian approximations, nats.
 
@@ -77,11 +98,10 @@ def related(
     if len(modes) < 2:
         return modes, APART_SE
     modes = with_ratios(modes, problem, order, data)
-    error = gaussian_error(modes)
     # Weights are of no use where much of the posterior was not sampled.
-    if largest_share(share, error) <= MAX_LEFT_OUT:
+    if share <= MAX_LEFT_OUT:
         modes = with_annealed(modes, problem, order, data, annealed)
-    return modes, error
+    return modes, gaussian_error(modes)
 
 
 def with_ratios(
@@ -115,32 +135,31 @@ def with_annealed(
     problem: Problem,
     order: FacetOrder,
     data: Epochs,
-    annealed: Callable[[Floats], LogEvidence],
+    annealed: Annealed,
 ) -> list[Mode]:
     """The solutions of `with_ratios`; where no bridge holds, with ratios of evidences by annealing.
 
-    ``annealed`` is a function of draws (n, D). Ratios with larger errors are left as they are.
+    ``annealed`` is a function of draws of the first solution and of another, and of the map that
+    takes the first to the other. Ratios with larger errors are left as they are.
     """
     base, *others = modes
-    if all(mode.log_evidence.se < APART_SE for mode in others):
-        return list(modes)
-    whole = annealed(_form(base, problem, order, data).z)
 
     def measured(mode: Mode) -> Mode:
         if mode.log_evidence.se < APART_SE:
             return mode
-        own = annealed(_form(mode, problem, order, data).z)
-        ratio = LogEvidence(own.value - whole.value, float(np.hypot(whole.se, own.se)))
+        first, second = (_form(m, problem, order, data) for m in (base, mode))
+        matrix, shift, there, _ = _overlay(first, second, problem, order)
+        ratio = annealed(first.z, there, matrix, shift)
         return _at_ratio(mode, base, ratio) if ratio.se < APART_SE else mode
 
     return [base, *map(measured, others)]
 
 
 def gaussian_error(modes: Sequence[Mode]) -> float:
-    """Largest error (nats) of the Gaussian approximations of ratios of evidences of `with_ratios`.
+    """Largest error (nats) of the Gaussian approximations of ratios of evidences.
 
-    It is `APART_SE` where a bridge failed or there are fewer than `FEWEST`. Solutions of one form
-    that were not sampled are approximated about as well as those that were.
+    It is `APART_SE` where a ratio is uncertain or there are fewer than `FEWEST`. Solutions of one
+    form that were not sampled are approximated about as well as those that were.
     """
     base, *others = modes
     if len(others) < FEWEST or any(m.log_evidence.se >= LARGEST_SE for m in others):
@@ -187,43 +206,38 @@ def _middle_of_a_pass(data: Epochs) -> int:
     return int(rows[np.argmin(np.abs(t[rows] - middle))])
 
 
-def _ratio(a: Form, b: Form, problem: Problem, order: FacetOrder, data: Epochs) -> LogEvidence:
-    """ln Z_b/Z_a, from draws of each and their images on the other."""
+def _overlay(a: Form, b: Form, problem: Problem, order: FacetOrder) -> Overlay:
+    """The map from a to b. Normals turn with the body, and what both determine has the mean and the
+    covariance of b."""
     normals = problem.rows([NORMALS]).reshape(-1, 3)
-    turn = b.turn.T @ a.turn
-
-    def turned(z: Floats, by: Floats) -> Floats:
-        z = z.copy()
-        z[:, normals] = z[:, normals] @ by.T
-        return z
-
-    def in_order_of_a(values: Floats) -> Floats:
-        return order.carried(b.centre, turned(a.centre[None], turn)[0], values)
-
-    away, there = turned(a.z, turn), in_order_of_a(b.z)
-    marks = in_order_of_a(b.determined.astype(float))
-    rows = np.flatnonzero(a.determined & (marks > 0.5))
+    turn = np.eye(problem.dim)
+    for rows in normals:
+        turn[np.ix_(rows, rows)] = b.turn.T @ a.turn
+    columns = order.carried(b.centre, turn @ a.centre, np.arange(float(problem.dim))).astype(int)
+    there, away = b.z[:, columns], a.z @ turn.T
+    rows = np.flatnonzero(a.determined & b.determined[columns])
 
     def moments(z: Floats) -> tuple[Floats, Floats]:
         part = z[:, rows]
         return part.mean(axis=0), np.linalg.cholesky(np.cov(part.T).reshape(len(rows), -1))
 
     (mean_a, root_a), (mean_b, root_b) = moments(away), moments(there)
-    stretch = np.log(np.diag(root_b)).sum() - np.log(np.diag(root_a)).sum()
+    scaled, shift = np.eye(problem.dim), np.zeros(problem.dim)
+    scaled[np.ix_(rows, rows)] = root_b @ np.linalg.inv(root_a)
+    shift[rows] = mean_b - scaled[np.ix_(rows, rows)] @ mean_a
+    return Overlay(scaled @ turn, shift, there, b.centre[columns])
 
-    def mapped(z: Floats, mean: Floats, root: Floats, to: tuple[Floats, Floats]) -> Floats:
-        z = z.copy()
-        z[:, rows] = to[0] + np.linalg.solve(root, (z[:, rows] - mean).T).T @ to[1].T
-        return z
 
-    on_b = mapped(away, mean_a, root_a, (mean_b, root_b))
-    on_a = turned(mapped(there, mean_b, root_b, (mean_a, root_a)), turn.T)
+def _ratio(a: Form, b: Form, problem: Problem, order: FacetOrder, data: Epochs) -> LogEvidence:
+    """ln Z_b/Z_a, from draws of each and their images on the other."""
+    matrix, shift, there, centre = _overlay(a, b, problem, order)
+    on_b, on_a = a.z @ matrix.T + shift, np.linalg.solve(matrix, (there - shift).T).T
+    stretch = np.linalg.slogdet(matrix)[1]
 
     def log_density(z: Floats, centre: Floats) -> Floats:
         inside = np.all(order.like_all(z, centre) == z, axis=1)
         return np.where(inside, -potentials(problem, z, data), -np.inf)
 
-    centre_b = in_order_of_a(b.centre)
-    at_a = log_density(on_b, centre_b) + stretch - log_density(a.z, a.centre)
-    at_b = log_density(there, centre_b) + stretch - log_density(on_a, a.centre)
+    at_a = log_density(on_b, centre) + stretch - log_density(a.z, a.centre)
+    at_b = log_density(there, centre) + stretch - log_density(on_a, a.centre)
     return log_ratio(at_b, at_a, EFFECTIVE, EFFECTIVE)

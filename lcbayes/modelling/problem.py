@@ -211,12 +211,6 @@ class Problem:
             for k in self.names
         }
 
-    def log_density(self, name: str, z: jax.Array, data: Epochs) -> jax.Array:
-        """ln of the prior density of one latent site with respect to its coordinates in z."""
-        free, transform = self.unravel(z)[name], self._transforms[name]
-        log_det = transform.log_abs_det_jacobian(free, transform(free))
-        return self.log_prior(z, data)[name] + jnp.sum(log_det)
-
     @_once
     def moments(self, z: jax.Array | Sites, data: Epochs) -> Moments:
         """Centre and width of the likelihood; z is flat or a dict of unconstrained sites."""

@@ -322,8 +322,10 @@ def why(misfit: Misfit) -> str:
     if examination.cause is not None and not (
         errors and examination.cause.gain < LEAST_SHARE * excess
     ):
-        gain = f"which lowers chi2 by {examination.cause.gain:.0f}"
-        return f"{said}; a possible explanation: {cause(examination.cause)}, {gain}"
+        said += f"; a possible explanation: {cause(examination.cause)}"
+        if examination.cause.rough:
+            return f"{said}, too much for this linear estimate, so that the cause may be another"
+        return f"{said}, which lowers chi2 by {examination.cause.gain:.0f}"
     if errors and (examination.even or examination.cause is None):
         factor = np.sqrt(misfit.chi2 / misfit.dof)
         said += f"; a possible explanation: the errors are {factor:.2g} times too small"

@@ -20,7 +20,7 @@ Hastings 1970, Biometrika 57, 97; Green 1995, Biometrika 82, 711 (splits and mer
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from typing import NamedTuple
 
@@ -246,11 +246,6 @@ class FacetMoves:
             step, (start, jnp.array(jnp.inf)), (kinds, jax.random.split(key_moves, kinds.size))
         )
         return flat(state[0])
-
-    def tempered(self, power: jax.Array) -> FacetMoves:
-        """The moves for a likelihood that is raised to a power."""
-        flux, scale, zero = (jnp.sqrt(power) * x for x in (self.flux, self.scale, self.zero))
-        return replace(self, flux=flux, scale=scale, zero=zero)
 
     def columns(self, sun: jax.Array, obs: jax.Array, normal: jax.Array) -> jax.Array:
         """Brightness (..., T) of facets of unit area, over the errors."""

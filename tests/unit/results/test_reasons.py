@@ -134,6 +134,17 @@ def test_errors_are_named_where_no_change_of_the_model_explains_most(gain, even,
     assert says in why(misfit)
 
 
+def test_an_amount_beyond_the_linear_range_is_no_sure_cause():
+    nutation = Explanation("nutation", "", "deg", "0.3 times the rate", 9.4, 0.1, 900.0, 1e-4)
+    tests = [ResidualTest("chi2", 1045.0, 1e-4)]
+    sure, rough = (
+        why(Misfit(1045.0, 101.8, "gaussian", examination=Examination(tests, [one], 0.01)))
+        for one in (nutation, nutation._replace(rough=True))
+    )
+    assert sure.endswith("which lowers chi2 by 900")
+    assert rough.endswith("so that the cause may be another")
+
+
 def test_every_test_of_the_residuals_has_words():
     assert set(CAUSES) <= set(TESTS)
     assert name_of_test("lobe facet 1") == "a weak lobe of facet 1"
