@@ -9,9 +9,10 @@ directions and areas costs one matrix product.
 Relocation draws the direction of a facet anew, and its area together with those of a random part
 of the others, whose Gaussian density is integrated out when the direction is drawn. A merger puts
 two facets i and j at one place and draws the freed facet anew; its inverse splits a facet j, for
-which a facet i is taken from elsewhere. All are Metropolis-Hastings moves with the exact posterior
-density, so that approximations only affect how many are accepted. Zero points that the model
-integrates out are integrated out here too.
+which a facet i is taken from elsewhere. An exchange passes area between two close facets and moves
+them such that their sum, its centre and its width remain. All are Metropolis-Hastings moves with
+the exact posterior density, so that approximations only affect how many are accepted. Zero points
+that the model integrates out are integrated out here too.
 
 References
 ----------
@@ -33,6 +34,7 @@ from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.priors import SOFTNESS
 from lcbayes.modelling.problem import Problem
 from lcbayes.physics.brightness import LAMBERT_C, DiffuseLaw, diffuse_kernel
+from lcbayes.samplers import facet_pairs
 
 NORMALS, AREAS = "normals_base", "log_albedo_area"
 BANDS, SECTORS = 20, 40  # cells of equal area on the sphere, some 7 degrees wide
@@ -46,7 +48,6 @@ MOVES = 4  # of each kind in a sweep
 SIGNAL = 3.0  # signal-to-noise ratio below which facets are weak
 CLOSE, FAR = 0.5, 0.05  # angle (rad) of close facets, and weight of others
 TINY = 1e-12
-WIDTHS = np.radians([2.0, 5.0, 12.0, 30.0])  # of the angle between the parts of a split facet
 
 
 class Facets(NamedTuple):
@@ -215,7 +216,7 @@ class FacetMoves:
         return cls(flux, scale, zero, problem, law, log_mean, log_sd)
 
     def __call__(self, key: jax.Array, z: jax.Array, data: Epochs) -> jax.Array:
-        """z (D,) after one relocation of each facet and as many splits or mergers."""
+        """z (D,) after `MOVES` relocations, splits or mergers, and exchanges each."""
         free = self.problem.unravel(z)
         length = jnp.linalg.norm(free[NORMALS], axis=1, keepdims=True)
         sites = self.problem.constrain(z, data)
@@ -231,12 +232,15 @@ class FacetMoves:
         key_axes, key_moves = jax.random.split(key)
         at = _Place(self, self._sky(key_axes, sun, obs), sun, obs)
         start = at.facets(free[NORMALS] / length, free[AREAS])
-        kinds = jnp.asarray(np.repeat([0, 1, 2], [1, MOVES, MOVES]))
+        kinds = jnp.asarray(np.repeat([0, 1, 2, 3], [1, MOVES, MOVES, MOVES]))
 
         def step(state: _State, given: tuple[jax.Array, jax.Array]) -> tuple[_State, None]:
             kind, (key_move, key_accept) = given[0], jax.random.split(given[1])
             moved, log_ratio = jax.lax.switch(
-                kind, (at.unchanged, at.relocated, at.rearranged), key_move, state[0]
+                kind,
+                (at.unchanged, at.relocated, at.rearranged, at.exchanged),
+                key_move,
+                state[0],
             )
             new = potential(moved)  # once, because it takes long to compile
             taken = jnp.log(jax.random.uniform(key_accept)) < state[1] - new + log_ratio
@@ -402,8 +406,8 @@ class _Place:
         i, j = jnp.divmod(jax.random.categorical(key_pair, log_pair.ravel()), number)
         both = jnp.stack([i, j])
         pair = facets.normal[both], facets.log_area[both]
-        one, u, angle = _merged(*pair)
-        parts, u_split, angle_split = _split(key_split, pair[0][1], pair[1][1])
+        one, u, angle = facet_pairs.merged(*pair)
+        parts, u_split, angle_split = facet_pairs.drawn_split(key_split, pair[0][1], pair[1][1])
         host = _where(merging, one, (pair[0][1], pair[1][1]))  # facet j while i is elsewhere
         u, angle = _where(merging, (u, angle), (u_split, angle_split))
 
@@ -413,50 +417,32 @@ class _Place:
         moved = _where(merging, merged, facets.replaced(both, self.facets(*parts)))
         # The facet elsewhere is drawn by a merger, and given up by a split.
         log_q = self.log_q(given, i, _where(merging, merged, facets)) - np.log(CELL)
-        volume = jnp.log(u * (1.0 - u)) - jnp.log(jnp.sin(angle)) + _log_angle(angle)
+        volume = jnp.log(u * (1.0 - u)) - jnp.log(jnp.sin(angle)) + facet_pairs.log_angle(angle)
         log_ratio = jnp.where(merging, volume - log_q, log_q - volume)
         log_back = jnp.where(merging, moved.log_weak_pair, moved.log_close)
         return moved, log_ratio + log_back[i, j] - log_pair[i, j]
 
+    def exchanged(self, key: jax.Array, facets: Facets) -> _Proposal:
+        """Two facets with another share u of their area in the first.
 
-def _merged(normal: jax.Array, log_area: jax.Array):
-    """The facet that two facets (2, 3), (2,) are merged into, the share u of the first in its area,
-    and the angle θ between them."""
-    u = jax.nn.sigmoid(log_area[0] - log_area[1])
-    cosine = normal[0] @ normal[1]
-    across = normal[0] - cosine * normal[1]
-    sine = jnp.sqrt(jnp.sum(across**2) + 1e-30)
-    angle = jnp.arctan2(sine, cosine)
-    merged = _unit(jnp.cos(u * angle) * normal[1] + jnp.sin(u * angle) * across / sine)
-    return (merged, jnp.logaddexp(log_area[0], log_area[1])), u, angle
-
-
-def _split(key: jax.Array, normal: jax.Array, log_area: jax.Array):
-    """The inverse of `_merged`, with random u, θ and direction ψ."""
-    key_share, key_width, key_angle, key_turn = jax.random.split(key, 4)
-    u = jax.random.uniform(key_share, minval=1e-9, maxval=1.0 - 1e-9)
-    angle = jax.random.choice(key_width, jnp.asarray(WIDTHS)) * jax.random.rayleigh(key_angle, 1.0)
-    angle = jnp.maximum(angle, 1e-9)
-    axis = jnp.eye(3)[jnp.argmin(jnp.abs(normal))]
-    first = _unit(jnp.cross(normal, axis))
-    turn = 2.0 * jnp.pi * jax.random.uniform(key_turn)
-    along = jnp.cos(turn) * first + jnp.sin(turn) * jnp.cross(normal, first)
-    offset = jnp.stack([(1.0 - u) * angle, -u * angle])[:, None]
-    normals = jnp.cos(offset) * normal + jnp.sin(offset) * along
-    return (normals, log_area + jnp.log(jnp.stack([u, 1.0 - u]))), u, angle
-
-
-def _log_angle(angle: jax.Array) -> jax.Array:
-    """ln of the density of θ and ψ in `_split`; none for θ above π, which `_merged` cannot undo."""
-    widths = jnp.asarray(WIDTHS)
-    each = jnp.log(angle / widths**2) - 0.5 * (angle / widths) ** 2
-    density = jax.nn.logsumexp(each) - np.log(len(WIDTHS) * 2.0 * np.pi)
-    return jnp.where(angle < jnp.pi, density, jnp.inf)
+        The sum of their areas, its centre and the second moment m = u(1 − u)θ² about it remain, so
+        that the brightness hardly changes. The volume of `rearranged` is sin θ/[2θ u²(1 − u)²]
+        dm dψ du dΩ dln α, and u is uniform.
+        """
+        key_pair, key_share = jax.random.split(key)
+        i, j = jnp.divmod(
+            jax.random.categorical(key_pair, facets.log_close.ravel()), len(facets.log_area)
+        )
+        both = jnp.stack([i, j])
+        pair = facets.normal[both], facets.log_area[both]
+        centre, along, u, angle = facet_pairs.between(*pair)
+        new = jax.random.uniform(key_share, minval=1e-9, maxval=1.0 - 1e-9)
+        wider = jnp.sqrt(u * (1.0 - u) / (new * (1.0 - new))) * angle
+        parts = facet_pairs.divided(centre, along, jnp.logaddexp(*pair[1]), new, wider)
+        moved = facets.replaced(both, self.facets(*parts))
+        log_ratio = facet_pairs.log_exchange(new, wider) - facet_pairs.log_exchange(u, angle)
+        return moved, log_ratio + moved.log_close[i, j] - facets.log_close[i, j]
 
 
 def _where(condition: jax.Array, yes, no):
     return jax.tree.map(partial(jnp.where, condition), yes, no)
-
-
-def _unit(vector: jax.Array) -> jax.Array:
-    return vector / jnp.sqrt(jnp.sum(vector**2))

@@ -17,7 +17,7 @@ from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference.problem_cache import build_problem
 from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
-from lcbayes.samplers import facet_moves
+from lcbayes.samplers import facet_moves, facet_pairs
 from tests.helpers.turning_facets import cosines, flux, in_body_axes, unit
 
 N_FACETS, N_EPOCHS, N_BODIES, SWEEPS = 3, 24, 1200, 2
@@ -169,21 +169,45 @@ def pairs_of_facets(number):
 
 def test_a_merger_undoes_a_split():
     for normal, log_area, key in zip(*pairs_of_facets(20), strict=True):
-        parts, u, angle = facet_moves._split(key, jnp.asarray(normal), jnp.asarray(log_area))
+        parts, u, angle = facet_pairs.drawn_split(key, jnp.asarray(normal), jnp.asarray(log_area))
         areas = np.exp(np.asarray(parts[1]))
         np.testing.assert_allclose(areas, np.exp(log_area) * np.array([u, 1.0 - u]), rtol=1e-12)
         cosine = np.clip(parts[0][0] @ parts[0][1], -1.0, 1.0)
         assert np.arccos(cosine) == pytest.approx(float(angle), abs=1e-6)
-        one, share, between = facet_moves._merged(*parts)
+        one, share, between = facet_pairs.merged(*parts)
         np.testing.assert_allclose(one[0], normal, atol=1e-7)
         assert float(one[1]) == pytest.approx(log_area, abs=1e-12)
         assert (float(share), float(between)) == pytest.approx((float(u), float(angle)), abs=1e-7)
 
 
+def test_an_exchange_keeps_the_sum_its_centre_and_its_second_moment():
+    """At half the angle, moments of up to the second order change an eighth as much."""
+    rng = np.random.default_rng(8)
+    direction, apart = np.array([0.3, 0.5, 0.8]), rng.standard_normal((2, 3))
+    areas, new = np.array([0.7, 2.0]), 0.6
+    at = unit(rng.standard_normal((50, 3)))
+
+    def changes(size):
+        normals = unit(direction + size * apart)
+        centre, along, u, angle = facet_pairs.between(jnp.asarray(normals), jnp.log(areas))
+        wider = np.sqrt(u * (1.0 - u) / (new * (1.0 - new))) * angle
+        log_area = jnp.log(areas.sum())
+        after, log_areas = facet_pairs.divided(centre, along, log_area, jnp.array(new), wider)
+        pairs = (np.asarray(after), np.exp(np.asarray(log_areas))), (normals, areas)
+        assert np.abs(pairs[0][0] - normals).max() > 0.1 * size
+        moments = [[(at @ n.T) ** k @ a for n, a in pairs] for k in range(3)]
+        return [np.linalg.norm(new - old) for new, old in moments]
+
+    whole, half = changes(0.02), changes(0.01)
+    assert max(whole[0], half[0]) < 1e-12
+    assert whole[1] > 6.0 * half[1]
+    assert whole[2] > 6.0 * half[2]
+
+
 def test_the_density_of_a_split_is_normalised_on_the_plane():
     angle = np.linspace(1e-6, np.pi - 1e-9, 20_001)
-    density = np.exp(np.asarray(jax.vmap(facet_moves._log_angle)(jnp.asarray(angle))))
-    beyond = np.mean(np.exp(-0.5 * (np.pi / facet_moves.WIDTHS) ** 2))
+    density = np.exp(np.asarray(jax.vmap(facet_pairs.log_angle)(jnp.asarray(angle))))
+    beyond = np.mean(np.exp(-0.5 * (np.pi / facet_pairs.WIDTHS) ** 2))
     total = np.trapezoid(2.0 * np.pi * density, angle)
     assert total == pytest.approx(1.0 - beyond, abs=1e-4)
 
@@ -199,7 +223,7 @@ def test_the_volume_of_a_split_is_that_of_finite_differences():
         along = np.cos(turn) * east + np.sin(turn) * np.cross(n, east)
         i = np.cos((1.0 - u) * angle) * n + np.sin((1.0 - u) * angle) * along
         j = np.cos(u * angle) * n - np.sin(u * angle) * along
-        merged, share, between = facet_moves._merged(
+        merged, share, between = facet_pairs.merged(
             jnp.asarray(np.stack([i, j])), jnp.log(jnp.array([u, 1.0 - u])) + log_area
         )
         np.testing.assert_allclose(merged[0], n, atol=1e-9)
