@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.stats import ks_1samp, ks_2samp, uniform
+from scipy.stats import ks_1samp, ks_2samp, norm, uniform
 
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.data.lightcurve import LightCurve
@@ -18,6 +18,7 @@ from lcbayes.inference.problem_cache import build_problem
 from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.samplers import facet_moves, facet_pairs
+from tests.helpers.false_alarms import EACH
 from tests.helpers.turning_facets import cosines, flux, in_body_axes, unit
 
 N_FACETS, N_EPOCHS, N_BODIES, SWEEPS = 3, 24, 1200, 2
@@ -212,28 +213,88 @@ def test_the_density_of_a_split_is_normalised_on_the_plane():
     assert total == pytest.approx(1.0 - beyond, abs=1e-4)
 
 
+def two_facets(x):
+    """Longitude and sine of the latitude of two facets, and ln of their areas, (6,)."""
+    lon, sine, log_area, u, angle, turn = x
+    cosine = np.sqrt(1.0 - sine**2)
+    n = np.array([cosine * np.cos(lon), cosine * np.sin(lon), sine])
+    east = np.array([-np.sin(lon), np.cos(lon), 0.0])
+    along = np.cos(turn) * east + np.sin(turn) * np.cross(n, east)
+    i = np.cos((1.0 - u) * angle) * n + np.sin((1.0 - u) * angle) * along
+    j = np.cos(u * angle) * n - np.sin(u * angle) * along
+    merged, share, between = facet_pairs.merged(
+        jnp.asarray(np.stack([i, j])), jnp.log(jnp.array([u, 1.0 - u])) + log_area
+    )
+    np.testing.assert_allclose(merged[0], n, atol=1e-9)
+    np.testing.assert_allclose([share, between], [u, angle], atol=1e-9)
+    angles = [f(v) for v in (i, j) for f in (lambda v: np.arctan2(v[1], v[0]), lambda v: v[2])]
+    return np.array([*angles, log_area + np.log(u), log_area + np.log(1.0 - u)])
+
+
+def volume(function, x, step=1e-5):
+    """Determinant of the derivatives by central differences."""
+    columns = [(function(x + e) - function(x - e)) / (2 * step) for e in step * np.eye(x.size)]
+    return abs(np.linalg.det(np.stack(columns, axis=1)))
+
+
 def test_the_volume_of_a_split_is_that_of_finite_differences():
     """dΩᵢ dΩⱼ dln αᵢ dln αⱼ = sin θ/(u(1 − u)) dθ dψ du dΩ dln α, with u, θ and the facet moved."""
-
-    def two_facets(x):
-        lon, sine, log_area, u, angle, turn = x
-        cosine = np.sqrt(1.0 - sine**2)
-        n = np.array([cosine * np.cos(lon), cosine * np.sin(lon), sine])
-        east = np.array([-np.sin(lon), np.cos(lon), 0.0])
-        along = np.cos(turn) * east + np.sin(turn) * np.cross(n, east)
-        i = np.cos((1.0 - u) * angle) * n + np.sin((1.0 - u) * angle) * along
-        j = np.cos(u * angle) * n - np.sin(u * angle) * along
-        merged, share, between = facet_pairs.merged(
-            jnp.asarray(np.stack([i, j])), jnp.log(jnp.array([u, 1.0 - u])) + log_area
-        )
-        np.testing.assert_allclose(merged[0], n, atol=1e-9)
-        np.testing.assert_allclose([share, between], [u, angle], atol=1e-9)
-        angles = [f(v) for v in (i, j) for f in (lambda v: np.arctan2(v[1], v[0]), lambda v: v[2])]
-        return np.array([*angles, log_area + np.log(u), log_area + np.log(1.0 - u)])
-
     x = np.array([0.4, 0.3, -0.2, 0.35, 0.5, 1.1])
-    step = 1e-5
-    columns = [(two_facets(x + e) - two_facets(x - e)) / (2 * step) for e in step * np.eye(6)]
-    volume = abs(np.linalg.det(np.stack(columns, axis=1)))
     u, angle = x[3], x[4]
-    assert volume == pytest.approx(np.sin(angle) / (u * (1.0 - u)), rel=1e-6)
+    assert volume(two_facets, x) == pytest.approx(np.sin(angle) / (u * (1.0 - u)), rel=1e-6)
+
+
+def test_the_volume_of_an_exchange_is_that_of_finite_differences():
+    """The same with the second moment m = u(1 − u)θ² in place of θ."""
+
+    def at_moment(x):
+        lon, sine, log_area, u, m, turn = x
+        return two_facets([lon, sine, log_area, u, np.sqrt(m / (u * (1.0 - u))), turn])
+
+    values = []
+    for u, m in ((0.35, 0.05), (0.7, 0.05), (0.1, 0.2)):
+        angle = np.sqrt(m / (u * (1.0 - u)))
+        found = volume(at_moment, np.array([0.4, 0.3, -0.2, u, m, 1.1]), 1e-6)
+        values.append(np.log(found) - float(facet_pairs.log_exchange(jnp.array(u), angle)))
+    np.testing.assert_allclose(values, -np.log(2.0), atol=1e-6)  # the constant that is left out
+
+
+def test_pairs_too_wide_to_be_merged_again_are_not_reached():
+    assert facet_pairs.log_exchange(jnp.array(0.01), jnp.array(3.2)) == -np.inf
+
+
+@pytest.mark.statistical(false_alarm=EACH)
+def test_exchanges_keep_a_sample_of_bodies(campaign):
+    """With the prior as the density: uniform normals and normal ln(areas)."""
+    t, sun, obs, omega = campaign
+    s, o = (jnp.asarray(in_body_axes(v, t, omega))[:2] for v in (sun, obs))
+    nothing: Any = None
+    ones, zero = jnp.ones(2), jnp.zeros((0, 2))
+    moves = facet_moves.FacetMoves(ones, ones, zero, problem=nothing, law="lambertian")
+    place = facet_moves._Place(moves, moves._sky(jax.random.key(0), s, o), s, o)
+    number = 40_000
+
+    def after(row):
+        key, normals, log_area = row
+        for key_move in jax.random.split(key, 3):
+            facets = place.facets(normals, log_area)
+            key_one, key_accept = jax.random.split(key_move)
+            moved, log_ratio = place.exchanged(key_one, facets)
+            log_ratio += 0.5 * (jnp.sum(log_area**2) - jnp.sum(moved.log_area**2))
+            taken = jnp.log(jax.random.uniform(key_accept)) < log_ratio
+            normals = jnp.where(taken, moved.normal, normals)
+            log_area = jnp.where(taken, moved.log_area, log_area)
+        return normals, log_area
+
+    rng = np.random.default_rng(9)
+    normals = unit(rng.standard_normal((number, 3, 3)))
+    log_areas = rng.standard_normal((number, 3))
+    rows = (jax.random.split(jax.random.key(1), number), normals, log_areas)
+    moved, moved_areas = jax.jit(lambda rows: jax.lax.map(after, rows, batch_size=200))(rows)
+    assert np.mean(np.asarray(moved_areas) != log_areas) > 0.3
+    p = []
+    for k in range(3):
+        p.append(ks_1samp(np.asarray(moved_areas)[:, k], norm.cdf).pvalue)
+        cosine = np.sum(np.asarray(moved)[:, k] * np.asarray(moved)[:, k - 1], axis=1)
+        p.append(ks_1samp(cosine, uniform(-1.0, 2.0).cdf).pvalue)
+    assert min(p) > EACH / len(p)
