@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 MAX_RHAT = 1.01
 MIN_ESS = 400.0
 MAX_DIVERGING = 0.005  # share of divergent transitions
-MAX_RHAT_TO_CONTINUE = 1.1  # above this, longer chains are not expected to mix
+MAX_RHAT_TO_CONTINUE = 1.2  # above this, longer chains are not expected to mix
 # The check uses unconstrained coordinates; reported quantities may have a smaller ESS.
 LENGTH_MARGIN = 1.2
 

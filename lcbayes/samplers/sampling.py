@@ -22,7 +22,7 @@ from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
 from lcbayes.samplers import chains, convergence
 from lcbayes.samplers.facet_moves import FacetMoves
-from lcbayes.samplers.settings import AUTO, FACET_MOVES, GUIDED, NUTS, Settings
+from lcbayes.samplers.settings import AUTO, FACET_MOVES, GUIDED, MAX_DRAWS, NUTS, Settings
 
 Floats = NDArray[np.float64]
 BLOCK = 50
@@ -183,9 +183,19 @@ class Sampler:
                     more = first + -(-length // BLOCK) - end
                     track.more(per_block * more)
                     end += more
-        n = self.settings.most_samples
-        stats = {k: np.concatenate([b[k] for b in kept], axis=1)[:, :n] for k in chains.FIELDS}
-        return Chains(draws[:, :n], stats, whitening, self._tuning(states, whitening))
+        shown = self._kept(draws.shape[1])
+        stats = {k: np.concatenate([b[k] for b in kept], axis=1)[:, shown] for k in chains.FIELDS}
+        return Chains(draws[:, shown], stats, whitening, self._tuning(states, whitening))
+
+    def _kept(self, n: int) -> slice:
+        """The draws that are kept of n in each chain.
+
+        Where more than `MAX_DRAWS` are needed, neighbours are so alike that few of them serve.
+        """
+        most = self.settings.most_samples
+        extended = most > self.settings.num_samples
+        every = -(-min(n, most) // MAX_DRAWS) if extended else 1
+        return slice(every - 1, most, every)
 
     def _tuning(self, states: list, whitening: chains.Whitening) -> dict[str, NDArray]:
         """What the warm-up of each chain adapted."""

@@ -25,7 +25,8 @@ WARMUP = {
 PARTICLES = "smc"
 DRAWS, MOVING = 750, 250  # defaults: draws of a chain, moving particles
 MAX_DRAWS = 3000  # default limit of a chain, which is extended until it has converged
-MANY_DRAWS = 6000  # of chains that mix slowly, but whose draws are cheap
+# Limits of chains that mix slowly, but whose draws are cheap.
+MANY_DRAWS = {FACET_MOVES: 12_000, GUIDED: 6000}
 PUBLISHED = "ahmc-paper"  # kept for comparison: it does not leave the posterior invariant
 
 
@@ -39,8 +40,9 @@ class Settings:
         for those with a cheaper density that is similar, and nuts for others
     seed : seed of all random numbers
     num_warmup : per chain; None selects the default of the sampler, `WARMUP`
-    num_samples : per chain; 0 selects 750 and, until convergence, extends them to at most 3000, or
-        6000 for facet-moves and guided; for smc, the number of moving particles, with 0 for 250
+    num_samples : per chain; 0 selects 750 and, until convergence, extends them to at most 3000,
+        12000 for facet-moves or 6000 for guided, of which at most 3000 are kept at even intervals;
+        for smc, the number of moving particles, with 0 for 250
     num_chains : per solution; for smc, the number of independent runs
     num_starts : starting points of the search if the model does not provide them; 0 selects them by
         dimension
@@ -67,11 +69,11 @@ class Settings:
             object.__setattr__(self, "num_warmup", WARMUP[self.sampler])
         most = self.num_samples
         if self.num_samples == 0:
-            number, most = DRAWS, MAX_DRAWS
+            number = DRAWS
             if self.sampler == PARTICLES:
                 number = most = MOVING
-            elif self.sampler in (FACET_MOVES, GUIDED):
-                most = MANY_DRAWS
+            else:
+                most = MANY_DRAWS.get(self.sampler, MAX_DRAWS)
             object.__setattr__(self, "num_samples", number)
         object.__setattr__(self, "most_samples", most)
         least = {

@@ -80,9 +80,22 @@ def test_chains_that_disagree_about_a_direction_are_extended():
     assert Sampler(problem, settings, 1)._required_length(z[..., ::-1, :][:1], data) == 750
 
 
+@pytest.mark.parametrize(("n", "kept"), [(750, 750), (3000, 3000), (4500, 2250), (12_050, 3000)])
+def test_long_chains_are_thinned(n, kept):
+    problem, _ = small_curves.posterior(small_curves.curve(20), n_facets=1, spin="none")
+    settings = Settings().with_sampler("facet-moves")
+    sampler = Sampler(problem, Settings(), 1)
+    sampler.settings = settings
+    rows = np.arange(n)[sampler._kept(n)]
+    assert len(rows) == kept
+    assert np.all(np.diff(rows) == rows[1] - rows[0])
+    asked = Sampler(problem, Settings(num_samples=5000), 1)
+    assert np.arange(5000)[asked._kept(5000)].size == 5000
+
+
 def test_who_asks_for_a_number_gets_it():
     assert Settings().most_samples == MAX_DRAWS
-    assert Settings().with_sampler("facet-moves").most_samples == MANY_DRAWS
+    assert Settings().with_sampler("facet-moves").most_samples == MANY_DRAWS["facet-moves"]
     assert Settings(num_samples=500).with_sampler("facet-moves").most_samples == 500
     assert Settings(num_samples=500).most_samples == 500
     assert Settings(sampler="smc").most_samples == Settings(sampler="smc").num_samples
