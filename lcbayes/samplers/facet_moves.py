@@ -10,9 +10,10 @@ Relocation draws the direction of a facet anew, and its area together with those
 of the others, whose Gaussian density is integrated out when the direction is drawn. A merger puts
 two facets i and j at one place and draws the freed facet anew; its inverse splits a facet j, for
 which a facet i is taken from elsewhere. An exchange passes area between two close facets and moves
-them such that their sum, its centre and its width remain. All are Metropolis-Hastings moves with
-the exact posterior density, so that approximations only affect how many are accepted. Zero points
-that the model integrates out are integrated out here too.
+them such that their sum, its centre and its width remain. A rescaling multiplies all areas by one
+factor, which zero points leave open. All are Metropolis-Hastings moves with the exact posterior
+density, so that approximations only affect how many are accepted. Zero points that the model
+integrates out are integrated out here too.
 
 References
 ----------
@@ -47,6 +48,7 @@ SHARES = (0.0, 0.5, 1.0)  # of the other facets whose areas are drawn with a rel
 MOVES = 4  # of each kind in a sweep
 SIGNAL = 3.0  # signal-to-noise ratio below which facets are weak
 CLOSE, FAR = 0.5, 0.05  # angle (rad) of close facets, and weight of others
+FACTORS = (0.001, 0.003, 0.01, 0.03, 0.1)  # sd of ln of a common factor
 TINY = 1e-12
 
 
@@ -216,7 +218,7 @@ class FacetMoves:
         return cls(flux, scale, zero, problem, law, log_mean, log_sd)
 
     def __call__(self, key: jax.Array, z: jax.Array, data: Epochs) -> jax.Array:
-        """z (D,) after `MOVES` relocations, splits or mergers, and exchanges each."""
+        """z (D,) after `MOVES` relocations, splits or mergers, exchanges and rescalings each."""
         free = self.problem.unravel(z)
         length = jnp.linalg.norm(free[NORMALS], axis=1, keepdims=True)
         sites = self.problem.constrain(z, data)
@@ -232,13 +234,13 @@ class FacetMoves:
         key_axes, key_moves = jax.random.split(key)
         at = _Place(self, self._sky(key_axes, sun, obs), sun, obs)
         start = at.facets(free[NORMALS] / length, free[AREAS])
-        kinds = jnp.asarray(np.repeat([0, 1, 2, 3], [1, MOVES, MOVES, MOVES]))
+        kinds = jnp.asarray(np.repeat(range(5), [1] + 4 * [MOVES]))
 
         def step(state: _State, given: tuple[jax.Array, jax.Array]) -> tuple[_State, None]:
             kind, (key_move, key_accept) = given[0], jax.random.split(given[1])
             moved, log_ratio = jax.lax.switch(
                 kind,
-                (at.unchanged, at.relocated, at.rearranged, at.exchanged),
+                (at.unchanged, at.relocated, at.rearranged, at.exchanged, at.rescaled),
                 key_move,
                 state[0],
             )
@@ -442,6 +444,13 @@ class _Place:
         moved = facets.replaced(both, self.facets(*parts))
         log_ratio = facet_pairs.log_exchange(new, wider) - facet_pairs.log_exchange(u, angle)
         return moved, log_ratio + moved.log_close[i, j] - facets.log_close[i, j]
+
+    def rescaled(self, key: jax.Array, facets: Facets) -> _Proposal:
+        """All areas multiplied by one factor, whose logarithm has a normal density."""
+        key_sd, key_factor = jax.random.split(key)
+        sd = jax.random.choice(key_sd, jnp.array(FACTORS))
+        log_factor = sd * jax.random.normal(key_factor)
+        return facets._replace(log_area=facets.log_area + log_factor), jnp.zeros(())
 
 
 def _where(condition: jax.Array, yes, no):

@@ -264,7 +264,8 @@ def test_pairs_too_wide_to_be_merged_again_are_not_reached():
 
 
 @pytest.mark.statistical(false_alarm=EACH)
-def test_exchanges_keep_a_sample_of_bodies(campaign):
+@pytest.mark.parametrize("kind", ["exchanged", "rescaled"])
+def test_moves_without_the_light_curve_keep_a_sample_of_bodies(campaign, kind):
     """With the prior as the density: uniform normals and normal ln(areas)."""
     t, sun, obs, omega = campaign
     s, o = (jnp.asarray(in_body_axes(v, t, omega))[:2] for v in (sun, obs))
@@ -279,7 +280,7 @@ def test_exchanges_keep_a_sample_of_bodies(campaign):
         for key_move in jax.random.split(key, 3):
             facets = place.facets(normals, log_area)
             key_one, key_accept = jax.random.split(key_move)
-            moved, log_ratio = place.exchanged(key_one, facets)
+            moved, log_ratio = getattr(place, kind)(key_one, facets)
             log_ratio += 0.5 * (jnp.sum(log_area**2) - jnp.sum(moved.log_area**2))
             taken = jnp.log(jax.random.uniform(key_accept)) < log_ratio
             normals = jnp.where(taken, moved.normal, normals)
