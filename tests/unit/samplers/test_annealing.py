@@ -51,7 +51,8 @@ def measured(away, seed=0):
     problem: Any = TwoSolutions()
     scale = SD[1] / SD[0]
     shift = np.array([APART, 0.0, 0.0]) + away * SD[1]
-    key, data = jax.random.key(seed), None
+    data: Any = None
+    key = jax.random.key(seed)
     ends = draws(0, rng), draws(1, rng)
     return annealing.log_ratio(problem, data, *ends, np.diag(scale), shift, key, 2)
 
