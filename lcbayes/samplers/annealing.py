@@ -33,7 +33,8 @@ Floats = NDArray[np.float64]
 
 RUNS, PARTICLES = 4, 96  # in each direction
 SHARE = 0.7  # of the particles that remains effective in a step
-TRANSITIONS = 2  # of each particle at each β
+TRANSITIONS = (2, 6)  # of each particle at each β: more if the error would be too large
+ENOUGH = 0.4  # nats
 PROBES = 32  # particles whose information determines the widths
 MAX_STAGES = 60
 
@@ -97,19 +98,27 @@ def log_ratio(
     up, down = (_Between(data, np.linalg.inv(matrix), shift, power) for power in (0.0, 1.0))
     ends = (up, first @ matrix.T + shift), (down, second)
     begins = [(between, part) for between, x in ends for part in np.array_split(x, RUNS)]
+    stretch = float(np.linalg.slogdet(matrix)[1])
     with threads(workers) as pool:
-        keys = jax.random.split(key, len(begins))
-        found = np.array(list(pool.map(partial(_run, problem), *zip(*begins, strict=True), keys)))
+        for transitions in TRANSITIONS:
+            keys = jax.random.split(jax.random.fold_in(key, transitions), len(begins))
+            run = partial(_run, problem, transitions)
+            ratio = _both_ways(np.array(list(pool.map(run, *zip(*begins, strict=True), keys))))
+            if ratio.se <= ENOUGH:
+                break
+    return LogEvidence(ratio.value + stretch, ratio.se)
+
+
+def _both_ways(found: Floats) -> LogEvidence:
+    """The ratio from runs in one direction and in the other (2 × `RUNS`,)."""
     if not np.all(np.isfinite(found)):
         return LogEvidence(-np.inf, np.inf)
     forth, back = (mean_evidence(runs) for runs in found.reshape(2, RUNS))
-    stretch = float(np.linalg.slogdet(matrix)[1])
     scatter, apart = np.hypot(forth.se, back.se), abs(forth.value + back.value)
-    value = 0.5 * (forth.value - back.value) + stretch
-    return LogEvidence(value, 0.5 * float(max(scatter, apart)))
+    return LogEvidence(0.5 * (forth.value - back.value), 0.5 * float(max(scatter, apart)))
 
 
-def _run(problem: Problem, begin: _Between, x: Floats, key: jax.Array) -> float:
+def _run(problem: Problem, transitions: int, begin: _Between, x: Floats, key: jax.Array) -> float:
     """ln of the integral of the density at the other end over that where x (n, D) begin; −inf if
     the particles do not arrive."""
     between, sign = begin, 1.0 - 2.0 * float(begin.power)
@@ -134,7 +143,7 @@ def _run(problem: Problem, begin: _Between, x: Floats, key: jax.Array) -> float:
         x = x[chosen]
         width = _widths(problem, between, x[:: PARTICLES // PROBES])
         passed = []
-        for key_one in jax.random.split(key_move, TRANSITIONS):
+        for key_one in jax.random.split(key_move, transitions):
             keys = jax.random.split(key_one, PARTICLES)
             moved = _moved(problem, between, width, step_size, keys, x)
             x, change, accept = (np.asarray(part) for part in moved)

@@ -79,3 +79,14 @@ def test_particles_that_do_not_arrive_have_no_ratio(monkeypatch):
     found = measured(4.0)
     assert found.value == -np.inf
     assert found.se == np.inf
+
+
+def test_too_uncertain_ratios_are_measured_again(monkeypatch):
+    """Six transitions at each step instead of two bring both directions nearer to each other."""
+    monkeypatch.setattr(annealing, "TRANSITIONS", (2,))
+    once = measured(4.0)
+    monkeypatch.setattr(annealing, "TRANSITIONS", (2, 6))
+    monkeypatch.setattr(annealing, "ENOUGH", 0.99 * once.se)
+    again = measured(4.0)
+    assert again != once
+    assert abs(again.value - np.log(RATIO)) < 3.0 * again.se
