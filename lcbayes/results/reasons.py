@@ -322,10 +322,11 @@ def why(misfit: Misfit) -> str:
     if examination.cause is not None and not (
         errors and examination.cause.gain < LEAST_SHARE * excess
     ):
-        said += f"; a possible explanation: {cause(examination.cause)}"
+        guess = "a possible explanation"
         if examination.cause.rough:
-            return f"{said}, too much for this linear estimate, so that the cause may be another"
-        return f"{said}, which lowers chi2 by {examination.cause.gain:.0f}"
+            guess = "a rough guess, because the amount is too large for this linear estimate"
+        gain = f"which lowers chi2 by {examination.cause.gain:.0f}"
+        return f"{said}; {guess}: {cause(examination.cause)}, {gain}"
     if errors and (examination.even or examination.cause is None):
         factor = np.sqrt(misfit.chi2 / misfit.dof)
         said += f"; a possible explanation: the errors are {factor:.2g} times too small"
