@@ -377,10 +377,18 @@ class Stages:
         )
 
     def _annealed(
-        self, problem: Problem, data: Epochs, key: jax.Array, *between: Floats
+        self,
+        problem: Problem,
+        data: Epochs,
+        key: jax.Array,
+        first: Floats,
+        second: Floats,
+        matrix: Floats,
+        shift: Floats,
     ) -> LogEvidence:
         """The ratio of two evidences by annealing, which is announced because it takes time."""
         self.progress.say("weighing a rotation that overlaps with no other, by annealing")
+        between = first, second, matrix, shift
         return annealing.log_ratio(problem, data, *between, key, self.workers)
 
 
