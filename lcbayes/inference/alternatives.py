@@ -94,11 +94,10 @@ def alternatives(
     """
     sites = compiled(problem.constrain)(jnp.asarray(z), data)
     flux = np.asarray(sites[FLUX])
-    spins = "omega" in sites
-    rate = float(np.linalg.norm(np.asarray(sites.get("omega", 0.0))))
-    candidates = [*_calibration(flux, data, names), *_clocks(problem, z, data, names, spins, rate)]
-    if spins:
-        candidates += _drift(problem, z, data, rate)
+    spin = float(np.linalg.norm(np.asarray(sites.get("omega", 0.0))))
+    candidates = [*_calibration(flux, data, names), *_clocks(problem, z, data, names, spin)]
+    if spin > 0.0:
+        candidates += _drift(problem, z, data, spin)
         candidates += [] if kinds else _nutation(problem, z, data, sites)
     if "sun_body" in sites and not kinds:
         candidates += [*_lobes(sites), *_further_facet(sites), *_notches(sites)]
@@ -144,20 +143,17 @@ def _calibration(
 
 
 def _clocks(
-    problem: Problem,
-    z: Floats,
-    data: Epochs,
-    names: dict[str, tuple[str, ...]],
-    spins: bool,
-    spin: float,
+    problem: Problem, z: Floats, data: Epochs, names: dict[str, tuple[str, ...]], spin: float
 ) -> Iterator[Alternative]:
     """The times of an observer, or of one of its passes if the body spins, are late by s.
+
+    ``spin`` is the rate of rotation, rad/s; 0 if the body does not rotate.
 
     The body axes are those at the first point. If the pass that holds it is late, so are they, and
     the attitude in all other passes is that of an earlier time.
     """
     observer, t = np.asarray(data.observer), np.asarray(data.t)
-    passes = split(t, observer, PASS) if spins else []
+    passes = split(t, observer, PASS) if spin > 0.0 else []
     several = data.n_observers > 1
     if not several and len(passes) < 2:
         return

@@ -143,11 +143,14 @@ def with_annealed(
     takes the first to the other. Ratios with larger errors are left as they are.
     """
     base, *others = modes
+    if all(mode.log_evidence.se < APART_SE for mode in others):
+        return list(modes)
+    first = _form(base, problem, order, data)
 
     def measured(mode: Mode) -> Mode:
         if mode.log_evidence.se < APART_SE:
             return mode
-        first, second = (_form(m, problem, order, data) for m in (base, mode))
+        second = _form(mode, problem, order, data)
         matrix, shift, there, _ = _overlay(first, second, problem, order)
         ratio = annealed(first.z, there, matrix, shift)
         return _at_ratio(mode, base, ratio) if ratio.se < APART_SE else mode

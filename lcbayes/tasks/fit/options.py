@@ -38,7 +38,7 @@ class FitOptions(ModelOptions):
         0,
         low=0,
         help="draws per chain, or particles that move for smc; 0: 750, or up to 3000 where "
-        "these are too few (12000 for facets that move, 6000 for asteroids); 250 particles",
+        "these are too few (12000 with facet-moves, 6000 with guided); 250 particles",
     )
     num_chains: int = option(4, low=1, help="chains per solution, or independent runs for smc")
     num_starts: int = option(
