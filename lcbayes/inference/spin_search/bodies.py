@@ -158,15 +158,19 @@ def _eliminated(law: DiffuseLaw, grid, arcs: Arcs, motion: _Motion, area_sd, uni
 def design_matrix(
     law: DiffuseLaw, grid, arcs: Arcs, pole: jax.Array, angle: jax.Array
 ) -> jax.Array:
-    """Weighted brightness (T, M) of unit areas of a body turned by angles (T,) about the pole."""
+    """Weighted brightness (T, M) of unit areas of a body turned by angles (T,) about the pole.
+
+    In the precision of the grid.
+    """
     axes, c, s = frame(pole), jnp.cos(angle), jnp.sin(angle)
 
     def turned(vectors: jax.Array) -> jax.Array:
         x, y, z = (vectors.reshape(-1, 3) @ axes).T
-        return jnp.stack([c * x + s * y, c * y - s * x, z], axis=1)
+        return jnp.stack([c * x + s * y, c * y - s * x, z], axis=1).astype(grid.dtype)
 
     mu0, mu = turned(arcs.sun) @ grid.T, turned(arcs.obs) @ grid.T
-    return diffuse_kernel(law, mu0, mu, LAMBERT_C)[0] * arcs.weight.reshape(-1, 1)
+    weight = arcs.weight.reshape(-1, 1).astype(grid.dtype)
+    return diffuse_kernel(law, mu0, mu, LAMBERT_C)[0] * weight
 
 
 def _tilted(pole: jax.Array, tilt: jax.Array) -> jax.Array:

@@ -63,6 +63,7 @@ CELLS = 1000  # cells tried as they are
 STRAY = 3.0  # rad over the time base by which a spin may leave the allowed rates
 SLOW_TURNS = 40.0  # over the time base
 SLOW_ERROR = 0.06  # of the series, as `SERIES_ERROR`: slow cells are smaller in phase
+CHANGE = 0.02  # rad/s by which directions change in a low orbit
 PURSUED = 500  # normals of matching pursuit
 RANKED = Ranking(most=20_000, error=0.05, facets=4, normals=160, sweeps=1)
 # Rounds of successive halving of these bodies: see `inference.search`.
@@ -158,13 +159,16 @@ def find_spins(
     arcs = Arcs.of(points, allowed.fastest, SERIES_ERROR)
     grid = Grid.of(series, arcs, precision(series, total), allowed)
     found = grid.search(workers, progress, SURVIVORS, kept)
-    slow_cells = _slow(grid, points, workers, progress, kept.within("slow"))
     run = _Refinement(points, grid, law, total, workers)
+    slow = run.slow(progress, kept.within("slow"))
     with progress.stage("improving spins", 2 * STATES[0] + STATES[1], "spins") as bar:
-        cells = [found.cells, run.by_facets(found.cells if grid.n_arcs > 2 else found.states)]
-        free = run.free(cells, bar, kept)
-        if slow_cells is not None:
-            cells.append(slow_cells)
+        ordered = run.by_facets(found.cells if grid.n_arcs > 2 else found.states, RANKED.most)
+        free = run.free([found.cells, ordered], bar, kept)
+        if grid.n_arcs == 2:  # its states stand for many spins
+            ordered = run.by_facets(run.aliases(ordered), RANKED.most)
+        cells = [found.cells, ordered]
+        if slow is not None:
+            cells.append(slow)
         motions = kept.once("constant", Motions, lambda: run.constant(cells, free))
     return Spins(run, motions, found.coverage)
 
@@ -191,23 +195,6 @@ def with_bodies(
     return climbed(problem, data, run.law, ends, workers, progress, more)
 
 
-def _slow(
-    grid: Grid, points: Points, workers: int, progress: Silent, kept: Checkpoint
-) -> Cells | None:
-    """Cells of slow spins, if the prior allows others too.
-
-    A body symmetric about its pole fits slow changes at any rate: without places of their own, slow
-    spins are crowded out.
-    """
-    limit = 2 * np.pi * SLOW_TURNS / max(float(grid.arcs.span[-1]), 1e-9)
-    slow = grid.allowed.up_to(limit)
-    if slow is None or limit >= grid.allowed.fastest:
-        return None
-    arcs = Arcs.of(points, grid.allowed.fastest, SLOW_ERROR)
-    slower = Grid.of(grid.series, arcs, grid.prior, slow)
-    return slower.search(workers, progress, SURVIVORS, kept).cells
-
-
 @dataclass(frozen=True)
 class _Refinement:
     """From the cells that survive to bodies at constant spins."""
@@ -217,6 +204,22 @@ class _Refinement:
     law: DiffuseLaw
     total_area: float
     workers: int
+
+    def slow(self, progress: Silent, kept: Checkpoint) -> Cells | None:
+        """Cells of slow spins in the order in which a few facets fit, if others are allowed too.
+
+        A body symmetric about its pole fits slow changes at any rate: without places of their own,
+        slow spins are crowded out.
+        """
+        limit = 2 * np.pi * SLOW_TURNS / max(float(self.grid.arcs.span[-1]), 1e-9)
+        slow, fastest = self.grid.allowed.up_to(limit), self.grid.allowed.fastest
+        if slow is None or limit >= fastest:
+            return None
+        fastest = min(limit + CHANGE, fastest)
+        arcs = Arcs.of(self.points, fastest, SLOW_ERROR)
+        slower = Grid.of(self.grid.series, arcs, self.grid.prior, slow)
+        cells = slower.search(self.workers, progress, SURVIVORS, kept).cells
+        return self.by_facets(cells, SURVIVORS, fastest)
 
     def free(self, cells: Sequence[Cells], bar: Track, kept: Checkpoint) -> States:
         """States of the best cells improved with free phases between the arcs, best first."""
@@ -258,17 +261,26 @@ class _Refinement:
         pole, rate, phase = (np.concatenate(x) for x in zip(*parts, strict=True))
         return Motions(pole, rate, phase[:, None])
 
-    def by_facets(self, cells: Cells) -> Cells:
+    def by_facets(self, cells: Cells, most: int, fastest: float | None = None) -> Cells:
         """The best cells in the order in which a few facets fit.
+
+        Points are averaged for rates up to the fastest (rad/s), by default that of the prior.
 
         The evidence of a random body leaves out what its series does not resolve. Bright data tell
         motions apart by that.
         """
-        cells = cells.at(np.arange(min(RANKED.most, cells.rate.size)))
-        arcs = Arcs.of(self.points, self.grid.allowed.fastest, RANKED.error)
-        motion, normals = self.motions(cells.pole, cells.rate), facets.grid(RANKED.normals)
+        cells = cells.at(np.arange(min(most, cells.rate.size)))
+        arcs = Arcs.of(self.points, fastest or self.grid.allowed.fastest, RANKED.error)
+        phase = cells.rate[:, None] * np.asarray(arcs.middle)
+        motion = self.grid.poles[cells.pole], cells.rate, phase
+        normals = facets.grid(RANKED.normals)
         fit = pursued(arcs, motion, self.law, normals, RANKED.facets, self.workers, RANKED.sweeps)
         return cells.at(np.argsort(fit.chi2[:, 0], kind="stable"))
+
+    def aliases(self, ordered: Cells) -> Cells:
+        """All spins of the best states of two passes."""
+        rows = states.representatives(self.grid, ordered, STATES[0])
+        return self.grid.with_aliases(ordered.at(rows))
 
     def bodies(
         self, problem: Problem, data: Epochs, spins: Motions, n_facets: int, omega_sd: float
