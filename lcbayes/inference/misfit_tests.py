@@ -108,6 +108,8 @@ class Examination:
     even : bool
         Whether the residuals are white and Gaussian but for one factor, by the tests of shares of
         chi2 and by their kurtosis.
+    kurtosis : float or None
+        Σr⁴/n over (Σr²/n)² of the residuals, if larger than Gaussian noise of any size allows.
     """
 
     tests: list[ResidualTest]
@@ -115,6 +117,7 @@ class Examination:
     limit: float
     relative_limit: float = 1.0
     even: bool = False
+    kurtosis: float | None = None
 
     @property
     def refused(self) -> list[ResidualTest]:
@@ -205,6 +208,8 @@ def examine(
     shares[KURTOSIS] = np.sum(every**4, axis=1) / values["chi2"] ** 2
     relative, relative_limit = _p_values(shares)
     even = min(float(p[0]) for p in relative.values()) >= relative_limit
+    heavy = float(relative[KURTOSIS][0]) < relative_limit
+    kurtosis = seen.size * float(shares[KURTOSIS][0]) if heavy else None
     tests = [
         ResidualTest(k, float(v[0]), float(p_values[k][0]), bool(v[0] > v[1:].max()))
         for k, v in values.items()
@@ -216,7 +221,7 @@ def examine(
         for one, _, best in scores
     ]
     explanations.sort(key=lambda e: (e.p_value, -e.gain))
-    return Examination(tests, explanations, limit, relative_limit, even)
+    return Examination(tests, explanations, limit, relative_limit, even, kurtosis)
 
 
 def _p_values(values: dict[str, Floats]) -> tuple[dict[str, Floats], float]:

@@ -327,6 +327,12 @@ def why(misfit: Misfit) -> str:
             guess = "a rough guess, because the amount is too large for this linear estimate"
         gain = f"which lowers chi2 by {examination.cause.gain:.0f}"
         return f"{said}; {guess}: {cause(examination.cause)}, {gain}"
+    if examination.kurtosis is not None and misfit.law == "gaussian":
+        return (
+            f"{said}; a possible explanation: outliers, since the tails of the residuals are "
+            f"heavier than Gaussian (kurtosis {examination.kurtosis:.1f} instead of 3): try "
+            "--noise student-t"
+        )
     if errors and (examination.even or examination.cause is None):
         factor = np.sqrt(misfit.chi2 / misfit.dof)
         said += f"; a possible explanation: the errors are {factor:.2g} times too small"

@@ -231,6 +231,7 @@ def _examined(examination: misfit_tests.Examination) -> Residuals:
         "p_limit": examination.limit,
         "relative_p_limit": examination.relative_limit,
         "even": examination.even,
+        "kurtosis": examination.kurtosis,
         "tests": [
             {
                 "name": t.name,

@@ -13,6 +13,8 @@ MAX_RHAT = 1.01
 MIN_ESS = 400.0
 MAX_DIVERGING = 0.005  # share of divergent transitions
 MAX_RHAT_TO_CONTINUE = 1.2  # above this, longer chains are not expected to mix
+MAX_RHAT_OF_FEW = 2.0  # the same where there are too few draws to tell
+TOO_FEW = 0.25  # of the maximum length: the effective size and R-hat of fewer draws vary too much
 # The check uses unconstrained coordinates; reported quantities may have a smaller ESS.
 LENGTH_MARGIN = 1.2
 
@@ -51,13 +53,18 @@ def required_length(z: NDArray[np.float64], max_length: int, margin: float = LEN
     -------
     int
         S if the chains have converged, if ``max_length`` would not suffice, or if R-hat exceeds
-        `MAX_RHAT_TO_CONTINUE`.
+        `MAX_RHAT_TO_CONTINUE`. Chains with fewer than `TOO_FEW` of ``max_length`` are extended
+        unless R-hat exceeds `MAX_RHAT_OF_FEW`.
     """
     n = z.shape[1]
     if n >= max_length or len(z) < 2 or not z.shape[2]:
         return n
     rhat, size = rhat_and_ess(z)
-    if not (rhat <= MAX_RHAT_TO_CONTINUE and size >= MIN_ESS * n / max_length):  # true also for NaN
+    if n < TOO_FEW * max_length:
+        hopeful = rhat <= MAX_RHAT_OF_FEW  # false for NaN
+    else:
+        hopeful = rhat <= MAX_RHAT_TO_CONTINUE and size >= MIN_ESS * n / max_length
+    if not hopeful:
         return n
     short = margin * max(MIN_ESS / size, (rhat - 1.0) / (MAX_RHAT - 1.0))
     if short <= 1.0:

@@ -165,10 +165,10 @@ def find_spins(
         ordered = run.by_facets(found.cells if grid.n_arcs > 2 else found.states, RANKED.most)
         free = run.free([found.cells, ordered], bar, kept)
         if grid.n_arcs == 2:  # its states stand for many spins
-            ordered = run.by_facets(run.aliases(ordered), RANKED.most)
+            ordered = run.by_facets(run.aliases(ordered), SURVIVORS)
         cells = [found.cells, ordered]
         if slow is not None:
-            cells.append(slow)
+            cells += [slow, run.by_facets(slow, SURVIVORS, run.slow_enough)]
         motions = kept.once("constant", Motions, lambda: run.constant(cells, free))
     return Spins(run, motions, found.coverage)
 
@@ -205,21 +205,23 @@ class _Refinement:
     total_area: float
     workers: int
 
+    @property
+    def slow_enough(self) -> float:
+        """Rate (rad/s) below which spins are slow."""
+        return 2 * np.pi * SLOW_TURNS / max(float(self.grid.arcs.span[-1]), 1e-9)
+
     def slow(self, progress: Silent, kept: Checkpoint) -> Cells | None:
-        """Cells of slow spins in the order in which a few facets fit, if others are allowed too.
+        """Cells of slow spins, if the prior allows others too.
 
         A body symmetric about its pole fits slow changes at any rate: without places of their own,
         slow spins are crowded out.
         """
-        limit = 2 * np.pi * SLOW_TURNS / max(float(self.grid.arcs.span[-1]), 1e-9)
-        slow, fastest = self.grid.allowed.up_to(limit), self.grid.allowed.fastest
-        if slow is None or limit >= fastest:
+        slow = self.grid.allowed.up_to(self.slow_enough)
+        if slow is None or self.slow_enough >= self.grid.allowed.fastest:
             return None
-        fastest = min(limit + CHANGE, fastest)
-        arcs = Arcs.of(self.points, fastest, SLOW_ERROR)
+        arcs = self.arcs(SLOW_ERROR, self.slow_enough)
         slower = Grid.of(self.grid.series, arcs, self.grid.prior, slow)
-        cells = slower.search(self.workers, progress, SURVIVORS, kept).cells
-        return self.by_facets(cells, SURVIVORS, fastest)
+        return slower.search(self.workers, progress, SURVIVORS, kept).cells
 
     def free(self, cells: Sequence[Cells], bar: Track, kept: Checkpoint) -> States:
         """States of the best cells improved with free phases between the arcs, best first."""
@@ -261,26 +263,32 @@ class _Refinement:
         pole, rate, phase = (np.concatenate(x) for x in zip(*parts, strict=True))
         return Motions(pole, rate, phase[:, None])
 
-    def by_facets(self, cells: Cells, most: int, fastest: float | None = None) -> Cells:
-        """The best cells in the order in which a few facets fit.
+    def arcs(self, error: float, fastest: float) -> Arcs:
+        """Arcs for rates up to the fastest (rad/s), with a relative error of the body."""
+        return Arcs.of(self.points, min(fastest + CHANGE, self.grid.allowed.fastest), error)
 
-        Points are averaged for rates up to the fastest (rad/s), by default that of the prior.
+    def by_facets(self, cells: Cells, most: int, fastest: float = np.inf) -> Cells:
+        """The best cells, of rates up to the fastest (rad/s), in the order in which facets fit.
 
         The evidence of a random body leaves out what its series does not resolve. Bright data tell
         motions apart by that.
         """
         cells = cells.at(np.arange(min(most, cells.rate.size)))
-        arcs = Arcs.of(self.points, fastest or self.grid.allowed.fastest, RANKED.error)
+        arcs = self.arcs(RANKED.error, fastest)
         phase = cells.rate[:, None] * np.asarray(arcs.middle)
         motion = self.grid.poles[cells.pole], cells.rate, phase
         normals = facets.grid(RANKED.normals)
         fit = pursued(arcs, motion, self.law, normals, RANKED.facets, self.workers, RANKED.sweeps)
         return cells.at(np.argsort(fit.chi2[:, 0], kind="stable"))
 
-    def aliases(self, ordered: Cells) -> Cells:
-        """All spins of the best states of two passes."""
-        rows = states.representatives(self.grid, ordered, STATES[0])
-        return self.grid.with_aliases(ordered.at(rows))
+    def aliases(self, pairs: Cells) -> Cells:
+        """The best states of two arcs with any number of turns between these that an arc allows."""
+        some = pairs.at(states.representatives(self.grid, pairs, STATES[0]))
+        turn = 2 * np.pi / self.grid.gap
+        n = int(np.ceil(self.grid.coarse_step / turn))
+        rate = (some.rate[:, None] + turn * np.arange(-n, n + 1)).ravel()
+        each = some.at(np.repeat(np.arange(some.rate.size), 2 * n + 1))._replace(rate=rate)
+        return each.at((rate > 0.0) & self.grid.allowed.rates(rate, 0.5 * some.width))
 
     def bodies(
         self, problem: Problem, data: Epochs, spins: Motions, n_facets: int, omega_sd: float

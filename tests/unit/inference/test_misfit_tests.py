@@ -175,6 +175,21 @@ def test_errors_that_are_too_small_are_named(faceted):
     assert "the errors are 1.4 times too small" in why(measure(faceted, data, z[None], result))
 
 
+def test_outliers_are_told_from_errors_that_are_too_small(faceted):
+    rng = np.random.default_rng(8)
+    light = small_faults.light_curve(BODY, n=120, seed=3)
+    far = rng.choice(light.t.size, light.t.size // 20, replace=False)
+    away = light.error[far] * rng.choice([-7.0, 7.0], far.size)
+    brightness = light.brightness.copy()
+    brightness[far] += away
+    spoilt = replace(light, brightness=brightness)
+    z, data = best_fit(faceted, spoilt)
+    result = examine(faceted, z, data, spoilt)
+    assert result.kurtosis is not None
+    assert result.kurtosis > 5.0
+    assert "try --noise student-t" in why(measure(faceted, data, z[None], result))
+
+
 @pytest.mark.parametrize("factor", [3.0, 10.0])
 def test_errors_that_are_far_too_small_are_named_before_an_alternative(faceted, factor):
     """They enlarge the gain of every alternative, such as a further facet."""
@@ -189,6 +204,7 @@ def test_errors_that_are_far_too_small_are_named_before_an_alternative(faceted, 
         assert named is not None
         assert float(named[1]) == pytest.approx(factor, rel=0.25)
         assert result.even == ("since the residuals are white" in says)
+        assert result.kurtosis is None
     assert result.even
 
 

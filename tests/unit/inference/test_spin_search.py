@@ -24,7 +24,12 @@ from lcbayes.inference.spin_search.allowed import Allowed
 from lcbayes.inference.spin_search.arcs import Arcs, Points
 from lcbayes.inference.spin_search.cells import Cells, Coverage, Grid
 from lcbayes.inference.spin_search.facets import Bodies, starts
-from lcbayes.inference.spin_search.search import Stage, applies, complete_search
+from lcbayes.inference.spin_search.search import (
+    Stage,
+    _Refinement,
+    applies,
+    complete_search,
+)
 from lcbayes.inference.spin_search.series import Series, log_evidence, precision, total_area
 from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
@@ -40,16 +45,19 @@ OMEGA_SD = 0.008
 
 
 class Truth:
-    """Three facets seen in two passes during some twenty turns."""
+    """Three facets seen in passes, by default two during some twenty turns."""
 
-    omega = 2 * np.pi / 300.0 * np.array([0.48, -0.6, 0.64])
+    pole = np.array([0.48, -0.6, 0.64])
     normals = np.array([[0.6, 0.0, 0.8], [-0.8, 0.6, 0.0], [0.0, -0.8, -0.6]])
     areas = np.array([2.0, 1.0, 3.0])
 
-    def __init__(self, snr: float = 50.0) -> None:
+    def __init__(
+        self, snr: float = 50.0, period: float = 300.0, passes: tuple[float, ...] = (0.0, GAP)
+    ) -> None:
+        self.omega = 2 * np.pi / period * self.pole
         rng = np.random.default_rng(5)
-        t = np.concatenate([np.linspace(0, 400, 40), GAP + np.linspace(0, 400, 40)])
-        lon = 0.9 + 1.3 * (t % GAP) / 400 + 0.8 * (t > 1000)
+        t = np.concatenate([start + np.linspace(0, 400, 40) for start in passes])
+        lon = 0.9 + 1.3 * (t % GAP) / 400 + 0.8 * (t // GAP)
         obs = np.stack([np.cos(lon), 0.8 * np.sin(lon), 0.6 * np.sin(lon)], axis=1)
         sun = np.tile([0.0, 0.6, 0.8], (t.size, 1))
         s, o = (in_body_axes(v, t, self.omega) for v in (sun, obs))
@@ -185,6 +193,48 @@ def test_the_true_cell_is_among_the_best(grid: Grid, truth: Truth):
     assert np.flatnonzero(near).min(initial=result.rate.size) < 0.02 * coverage.evaluated
     assert coverage.max_rate == pytest.approx(4 * OMEGA_SD)
     assert Coverage.restored(coverage.stored()) == coverage
+
+
+def ranks(truth: Truth, grid: Grid, cells: Cells) -> np.ndarray:
+    """Ranks of the cells near the truth: 14° of its pole, a radian at the ends."""
+    rate = np.linalg.norm(truth.omega)
+    near = grid.poles[cells.pole] @ truth.omega / rate > np.cos(np.radians(14.0))
+    near &= np.abs(cells.rate - rate) * float(grid.arcs.span[-1]) < 2.0
+    return np.flatnonzero(near)
+
+
+def refinement(truth: Truth, omega_sd: float) -> _Refinement:
+    points, series = Points.of(Epochs.of(truth.curve)), Series.of(LAW)
+    total = total_area(series, points.sun, points.obs, points.flux)
+    allowed = Allowed(((0.0, 4 * omega_sd),), omega_sd)
+    arcs = Arcs.of(points, allowed.fastest, 0.15)
+    grid = Grid.of(series, arcs, precision(series, total), allowed)
+    return _Refinement(points, grid, LAW, total, 1)
+
+
+@pytest.mark.slow
+def test_whole_turns_between_two_passes_are_told_apart_by_facets():
+    """Bright data tell them apart, and the evidence, which leaves out a part of the light, not."""
+    truth = Truth(snr=100.0, passes=(0.0, 8 * GAP))
+    run = refinement(truth, OMEGA_SD)
+    found = run.grid.search(1, Silent(), 60_000)
+    cells = run.aliases(run.by_facets(found.states, 20_000))
+    assert cells.rate.size > 10 * complete.STATES[0]
+    ordered = run.by_facets(cells, cells.rate.size)
+    assert ranks(truth, run.grid, ordered).min() < 20
+    assert ranks(truth, run.grid, found.cells).min(initial=60_000) > 1000
+
+
+@pytest.mark.slow
+def test_slow_spins_are_told_apart_by_facets():
+    truth = Truth(snr=100.0, period=12_000.0, passes=(0.0, GAP, 8 * GAP, 16 * GAP))
+    run = refinement(truth, 0.02)
+    slow = run.slow(Silent(), Checkpoint(None, {}))
+    assert slow is not None
+    assert slow.rate.max() < 2 * np.pi * complete.SLOW_TURNS / (16 * GAP)
+    assert ranks(truth, run.grid, slow).min() > 400
+    ordered = run.by_facets(slow, slow.rate.size, run.slow_enough)
+    assert ranks(truth, run.grid, ordered).min() < 100
 
 
 def restricted(grid: Grid, period: str, pole: str = "") -> Grid:

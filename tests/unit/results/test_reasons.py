@@ -134,6 +134,16 @@ def test_errors_are_named_where_no_change_of_the_model_explains_most(gain, even,
     assert says in why(misfit)
 
 
+def test_heavy_tails_are_named_before_errors_that_are_too_small():
+    tests = [ResidualTest("chi2", 1045.0, 1e-4)]
+    outliers = Examination(tests, [], 0.01, kurtosis=17.2)
+    says = why(Misfit(1045.0, 101.8, "gaussian", examination=outliers))
+    assert "outliers" in says
+    assert "(kurtosis 17.2 instead of 3): try --noise student-t" in says
+    assert "times too small" not in says
+    assert "outliers" not in why(Misfit(1045.0, 101.8, "student-t", examination=outliers))
+
+
 def test_an_amount_beyond_the_linear_range_is_no_sure_cause():
     nutation = Explanation("nutation", "", "deg", "0.3 times the rate", 9.4, 0.1, 900.0, 1e-4)
     tests = [ResidualTest("chi2", 1045.0, 1e-4)]

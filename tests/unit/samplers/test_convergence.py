@@ -57,6 +57,17 @@ def test_chains_that_will_not_converge_cost_no_more():
     assert required_length(z[:1], 3000) == 750  # one chain, which nothing can be compared with
 
 
+def test_few_draws_of_a_long_run_are_not_given_up():
+    """Their effective size varies too much: 750 of 12,000 draws may look hopeless by chance."""
+    z = autoregressive(0.99)
+    assert required_length(z, 12_000) == 1500
+    assert required_length(z + 0.5 * np.arange(4.0)[:, None, None], 12_000) == 1500
+    assert required_length(autoregressive(0.98, 3000), 12_000) > 3000
+    assert required_length(autoregressive(0.99, 3000), 12_000) == 3000  # enough to tell
+    assert required_length(z + 5.0 * np.arange(4.0)[:, None, None], 12_000) == 750
+    assert required_length(np.zeros((4, 750, 2)), 12_000) == 750
+
+
 def test_chains_that_disagree_about_a_direction_are_extended():
     """The spread of the length of the vector hides what R-hat of the polar angle shows."""
     problem, data = small_curves.posterior(small_curves.curve(20), n_facets=1, spin="none")
