@@ -23,7 +23,7 @@ SENTENCES = {
     "chains-disagree": "the chains disagree (R-hat {rhat:.4f}, at most {limit} is trusted): they "
     "have not found one common distribution{agree}",
     "few-effective-draws": "the draws are worth only {ess:.0f} independent ones ({kind}; at least "
-    "{limit:.0f} are needed): take more with --num-samples",
+    "{limit:.0f} are needed): take more than {taken} in a chain with --num-samples",
     "runs-disagree": "independent runs into it disagree (R-hat {rhat:.2f} between them): each saw "
     "only a part of it",
     "divergences": "{diverging} of {draws} trajectories diverged: parts of the posterior were not "

@@ -49,6 +49,7 @@ from lcbayes.results.draws import weighted_draws
 from lcbayes.results.posterior import dataset
 from lcbayes.results.reasons import reasons, why
 from lcbayes.samplers.convergence import MAX_DIVERGING, MAX_RHAT, MIN_ESS
+from lcbayes.samplers.sampling import NUM_DRAWS
 from lcbayes.samplers.settings import PUBLISHED
 
 Floats = NDArray[np.float64]
@@ -328,7 +329,8 @@ def _findings(posterior: Posterior, modes: list[ModeContent], misfit: Misfit) ->
         for kind in ("bulk", "tail"):
             size = entry["min_ess_bulk"] if kind == "bulk" else entry["min_ess_tail"]
             if not size >= MIN_ESS:
-                values = {"ess": size, "kind": kind, "limit": MIN_ESS}
+                taken = int(mode.tuning.get(NUM_DRAWS, mode.z.shape[1:])[0])
+                values = {"ess": size, "kind": kind, "limit": MIN_ESS, "taken": taken}
                 yield Finding("few-effective-draws", values, about)
         if mode.apart > MAX_APART:
             yield Finding("runs-disagree", {"rhat": mode.apart}, about)

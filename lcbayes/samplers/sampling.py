@@ -28,6 +28,7 @@ Floats = NDArray[np.float64]
 BLOCK = 50
 OPTIMA = 8  # optima of a solution whose widths scale the coordinates
 HALVINGS = 2  # maximum number of times that the step size of NUTS is halved
+NUM_DRAWS = "num_draws"  # name in `Chains.tuning`
 
 
 @dataclass
@@ -52,10 +53,11 @@ class Chains(NamedTuple):
     z : (C, S, D)
     stats : statistics of each draw, (C, S) each
     whitening : Whitening
-    tuning : results of the warm-up of each chain, (C, ...) each
-        ``step_size``; for NUTS ``inverse_mass_matrix`` (C, D, D) of z; for the kernels of this
-        package also ``num_fallback``, the number of draws at which the metric was singular and a
-        constant one was used; for AHMC also ``proposal_scale``, its δ.
+    tuning : length and results of the warm-up of each chain, (C, ...) each
+        ``num_draws`` after the warm-up, kept or not, and ``step_size``; for NUTS
+        ``inverse_mass_matrix`` (C, D, D) of z; for the kernels of this package also
+        ``num_fallback``, the number of draws at which the metric was singular and a constant one
+        was used; for AHMC also ``proposal_scale``, its δ.
     """
 
     z: Floats
@@ -185,7 +187,9 @@ class Sampler:
                     end += more
         shown = self._kept(draws.shape[1])
         stats = {k: np.concatenate([b[k] for b in kept], axis=1)[:, shown] for k in chains.FIELDS}
-        return Chains(draws[:, shown], stats, whitening, self._tuning(states, whitening))
+        taken = {NUM_DRAWS: np.full(len(draws), draws.shape[1])}
+        tuning = taken | self._tuning(states, whitening)
+        return Chains(draws[:, shown], stats, whitening, tuning)
 
     def _kept(self, n: int) -> slice:
         """The draws that are kept of n in each chain.

@@ -106,12 +106,17 @@ def test_a_reason_that_concerns_several_solutions_is_given_once():
         for i, rhat in ((1, 1.2), (2, 1.3), (4, 1.4))
     ]
     sizes = [
-        Finding("few-effective-draws", {"ess": 90.0, "kind": kind, "limit": 400}, "solution 2")
+        Finding(
+            "few-effective-draws",
+            {"ess": 90.0, "kind": kind, "limit": 400, "taken": 750},
+            "solution 2",
+        )
         for kind in ("bulk", "tail")
     ]
     one, bulk, tail = reasons([result[0], sizes[0], *result[1:], sizes[1]])
     assert one.text.startswith("solution 1: the chains disagree (R-hat 1.200")
     assert one.text.endswith("; likewise solutions 2 and 4")
+    assert "take more than 750 in a chain with --num-samples" in bulk.text
     assert ("(bulk" in bulk.text, "(tail" in tail.text) == (True, True)
     (pair,) = reasons(result[:2])
     assert pair.text.endswith("; likewise solution 2")
