@@ -89,8 +89,9 @@ def complete_search(
 
     1. Every cell of pole and rate gets the evidence of a random body (`series`), from the closest
        pair of passes to all (`cells`).
-    2. The best are ordered once more by bodies of a few facets (`pursuit`). Between two passes,
-       whole turns make no difference to the evidence, and one cell then stands for all of them.
+    2. The best are ordered once more by bodies of a few facets (`pursuit`), slow ones apart.
+       Between two passes, whole turns make no difference to the evidence. One cell then stands for
+       all of them at first, and each number of turns is ordered by facets afterwards.
     3. The best distinct states by either order are improved with free albedo-areas on a grid of
        normals and free phases between arcs (`bodies`).
     4. Bodies of N facets are optimised with the posterior itself at the constant spins that fit
