@@ -67,7 +67,9 @@ def spin_solutions(
 
 def largest_share(share: float, error: float) -> float:
     """The share of the posterior if the evidence is too low by twice its ``error`` (nats)."""
-    return min(1.0, share * float(np.exp(2.0 * error)))
+    if share <= 0.0:
+        return 0.0
+    return float(np.exp(min(0.0, np.log(share) + 2.0 * error)))  # of a large error too
 
 
 def undetermined(spins: Sequence[SpinSolution], share_left: float) -> list[Finding]:

@@ -57,6 +57,9 @@ def test_a_poor_evidence_keeps_a_spin_among_the_plausible_ones():
     assert len(spin_solutions(problem, data, [best], rest, 3.0)) == 2
     assert largest_share(1e-4, 3.0) == pytest.approx(1e-4 * 403.43, rel=1e-4)
     assert largest_share(0.5, 3.0) == 1.0
+    assert largest_share(1e-9, 1e11) == 1.0  # a bridge that fails
+    assert largest_share(1e-9, np.inf) == 1.0
+    assert largest_share(0.0, np.inf) == 0.0
 
 
 def test_bodies_without_a_constant_rotation_have_no_spins():
