@@ -188,6 +188,11 @@ def test_outliers_are_told_from_errors_that_are_too_small(faceted):
     assert result.kurtosis is not None
     assert result.kurtosis > 5.0
     assert "try --noise student-t" in why(measure(faceted, data, z[None], result))
+    flash = light.brightness.copy()
+    flash[40:46] += 7.0 * light.error[40:46]
+    together = replace(light, brightness=flash)
+    z, data = best_fit(faceted, together)
+    assert examine(faceted, z, data, together).kurtosis is None
 
 
 @pytest.mark.parametrize("factor", [3.0, 10.0])
