@@ -88,6 +88,17 @@ def test_every_command_of_the_pages_and_of_help_is_understood():
     assert set(main.COMMANDS) <= named | inline, "a command that no page shows"
 
 
+def test_no_page_writes_two_kinds_of_result_into_one_folder():
+    """Pasted one after the other, the second command would be refused."""
+    kinds: dict[tuple[str, str], set[str]] = {}
+    for block in SHELL:
+        for words in [] if block.why_not else block.commands:
+            if words[0] == "lcbayes" and "-o" in words:
+                out = words[words.index("-o") + 1]
+                kinds.setdefault((block.page, out), set()).add(words[1])
+    assert [place for place, tasks in kinds.items() if len(tasks) > 1] == []
+
+
 def run_command(page: str, words: list[str]) -> None:
     sooner = SOONER.get(words[0], []) if "--config" not in words else []
     status = main.main([*words, *sooner])

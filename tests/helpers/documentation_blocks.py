@@ -12,6 +12,7 @@ import numpy as np
 
 import lcbayes
 from lcbayes.data.lightcurve import LightCurve
+from tests.helpers import survey_catalogues
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENARIOS = ROOT / "lcbayes" / "simulation" / "scenarios"
@@ -106,6 +107,7 @@ def provide(folder: Path, words: list[str]) -> None:
         r"\./mine\.py": own_model,
         r"model\.obj": box,
         r"night\.csv": catalogue,
+        r"survey\.csv": lambda p: survey_catalogues.write_csv(survey_catalogues.points(1), p),
         r"out/posterior\.nc": lambda p: small_fit(p.parent),
         r"curves/": lambda p: (p.mkdir(exist_ok=True), with_elements(p / "1007.csv")),
     }
