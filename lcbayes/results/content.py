@@ -108,6 +108,7 @@ class Residuals(TypedDict, total=False):
     p_limit: float
     relative_p_limit: float
     even: bool
+    kurtosis: float | None
     tests: list[ResidualTestContent]
     alternatives: list[dict[str, Any]]
 

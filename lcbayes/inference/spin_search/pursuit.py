@@ -169,7 +169,7 @@ def pursuit(
 def _solved(matrix: jax.Array, right: jax.Array) -> jax.Array:
     """Solution (N, K) for a positive definite matrix (N, N), by elimination.
 
-    For many small matrices at once, one call of LAPACK each takes ten times as long.
+    A call of LAPACK for each of many small matrices takes longer.
     """
     rows = jnp.concatenate([matrix, right], axis=1)
     for i in range(len(matrix)):
