@@ -187,8 +187,7 @@ class Sampler:
                     end += more
         shown = self._kept(draws.shape[1])
         stats = {k: np.concatenate([b[k] for b in kept], axis=1)[:, shown] for k in chains.FIELDS}
-        taken = {NUM_DRAWS: np.full(len(draws), draws.shape[1])}
-        tuning = taken | self._tuning(states, whitening)
+        tuning = self._tuning(states, whitening, draws.shape[1])
         return Chains(draws[:, shown], stats, whitening, tuning)
 
     def _kept(self, n: int) -> slice:
@@ -201,10 +200,14 @@ class Sampler:
         every = -(-min(n, most) // MAX_DRAWS) if extended else 1
         return slice(every - 1, most, every)
 
-    def _tuning(self, states: list, whitening: chains.Whitening) -> dict[str, NDArray]:
-        """What the warm-up of each chain adapted."""
+    def _tuning(
+        self, states: list, whitening: chains.Whitening, num_draws: int
+    ) -> dict[str, NDArray]:
+        """Length and what the warm-up of each chain adapted."""
         kernel = chains.kernel(self.problem, self.settings.sampler)
-        each = [chains.tuning(kernel, state, whitening) for state in states]
+        each = [
+            {NUM_DRAWS: num_draws} | chains.tuning(kernel, state, whitening) for state in states
+        ]
         return {k: np.array([one[k] for one in each]) for k in each[0]}
 
     def _further(self, about: Epochs) -> tuple[FacetMoves | Epochs, ...]:

@@ -178,6 +178,7 @@ def test_errors_that_are_too_small_are_named(faceted):
 def test_outliers_are_told_from_errors_that_are_too_small(faceted):
     rng = np.random.default_rng(8)
     light = small_faults.light_curve(BODY, n=120, seed=3)
+    assert light.error is not None
     far = rng.choice(light.t.size, light.t.size // 20, replace=False)
     away = light.error[far] * rng.choice([-7.0, 7.0], far.size)
     brightness = light.brightness.copy()
