@@ -109,8 +109,8 @@ class Examination:
         Whether the residuals are white and Gaussian but for one factor, by the tests of shares of
         chi2 and by their kurtosis.
     kurtosis : float or None
-        Σr⁴/n over (Σr²/n)² of the residuals, if larger than Gaussian noise of any size allows and
-        if no test finds the large residuals side by side.
+        That of the residuals, n Σr⁴/(Σr²)², where it is larger than Gaussian noise of any size
+        allows and no test of their order finds a pattern: there are outliers.
     """
 
     tests: list[ResidualTest]
@@ -209,7 +209,7 @@ def examine(
     shares[KURTOSIS] = np.sum(every**4, axis=1) / values["chi2"] ** 2
     relative, relative_limit = _p_values(shares)
     even = min(float(p[0]) for p in relative.values()) >= relative_limit
-    # Outliers are independent. What the model lacks has heavy tails too, but side by side.
+    # What the model lacks makes heavy tails too, but in neighbouring points.
     apart = not correlated and all(relative[k][0] >= relative_limit for k in [*statistics][1:])
     heavy = apart and relative[KURTOSIS][0] < relative_limit
     kurtosis = seen.size * float(shares[KURTOSIS][0]) if heavy else None

@@ -69,7 +69,8 @@ def largest_share(share: float, error: float) -> float:
     """The share of the posterior if the evidence is too low by twice its ``error`` (nats)."""
     if share <= 0.0:
         return 0.0
-    return float(np.exp(min(0.0, np.log(share) + 2.0 * error)))  # of a large error too
+    # as a logarithm, since the error of a bridge that fails may be of any size
+    return float(np.exp(min(0.0, np.log(share) + 2.0 * error)))
 
 
 def undetermined(spins: Sequence[SpinSolution], share_left: float) -> list[Finding]:

@@ -128,7 +128,7 @@ def pursuit(
         """Solution for right-hand sides (N, K) of the normal equations of the slots in use."""
         matrix = jnp.where(used[:, None] & used, products[:, chosen], 0.0)
         matrix += jnp.diag(jnp.where(used, NEW * square[chosen], 1.0))
-        return _solved(matrix, jnp.where(used[:, None], right, 0.0))
+        return _eliminated(matrix, jnp.where(used[:, None], right, 0.0))
 
     def areas(products: jax.Array, chosen: jax.Array, used: jax.Array) -> jax.Array:
         """Areas of the slots in use; those that would be negative are left out."""
@@ -166,7 +166,7 @@ def pursuit(
     return chosen, jnp.maximum(area, SMALLEST * jnp.max(area) + jnp.finfo(area.dtype).tiny)
 
 
-def _solved(matrix: jax.Array, right: jax.Array) -> jax.Array:
+def _eliminated(matrix: jax.Array, right: jax.Array) -> jax.Array:
     """Solution (N, K) for a positive definite matrix (N, N), by elimination.
 
     A call of LAPACK for each of many small matrices takes longer.

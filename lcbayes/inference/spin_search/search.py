@@ -63,7 +63,7 @@ CELLS = 1000  # cells tried as they are
 STRAY = 3.0  # rad over the time base by which a spin may leave the allowed rates
 SLOW_TURNS = 40.0  # over the time base
 SLOW_ERROR = 0.06  # of the series, as `SERIES_ERROR`: slow cells are smaller in phase
-CHANGE = 0.02  # rad/s by which directions change in a low orbit
+DIRECTION_RATE = 0.02  # rad/s, at most, by which directions turn in a low orbit
 PURSUED = 500  # normals of matching pursuit
 RANKED = Ranking(most=20_000, error=0.05, facets=4, normals=160, sweeps=1)
 # Rounds of successive halving of these bodies: see `inference.search`.
@@ -163,14 +163,19 @@ def find_spins(
     run = _Refinement(points, grid, law, total, workers)
     slow = run.slow(progress, kept.within("slow"))
     with progress.stage("improving spins", 2 * STATES[0] + STATES[1], "spins") as bar:
-        ordered = run.by_facets(found.cells if grid.n_arcs > 2 else found.states, RANKED.most)
+        first = found.cells if grid.n_arcs > 2 else found.states
+        ordered = run.by_facets(first.kept(RANKED.most))
         free = run.free([found.cells, ordered], bar, kept)
-        if grid.n_arcs == 2:  # its states stand for many spins
-            ordered = run.by_facets(run.aliases(ordered), SURVIVORS)
-        cells = [found.cells, ordered]
-        if slow is not None:
-            cells += [slow, run.by_facets(slow, SURVIVORS, run.slow_enough)]
-        motions = kept.once("constant", Motions, lambda: run.constant(cells, free))
+
+        def constant() -> Motions:
+            cells = [found.cells, ordered]
+            if grid.n_arcs == 2:  # whose states stand for many spins
+                cells[1] = run.by_facets(run.aliases(ordered))
+            if slow is not None:
+                cells += [slow, run.by_facets(slow, run.slow_rate)]
+            return run.constant(cells, free)
+
+        motions = kept.once("constant", Motions, constant)
     return Spins(run, motions, found.coverage)
 
 
@@ -207,8 +212,8 @@ class _Refinement:
     workers: int
 
     @property
-    def slow_enough(self) -> float:
-        """Rate (rad/s) below which spins are slow."""
+    def slow_rate(self) -> float:
+        """Rate (rad/s) of the fastest slow spins."""
         return 2 * np.pi * SLOW_TURNS / max(float(self.grid.arcs.span[-1]), 1e-9)
 
     def slow(self, progress: Silent, kept: Checkpoint) -> Cells | None:
@@ -217,10 +222,10 @@ class _Refinement:
         A body symmetric about its pole fits slow changes at any rate: without places of their own,
         slow spins are crowded out.
         """
-        slow = self.grid.allowed.up_to(self.slow_enough)
-        if slow is None or self.slow_enough >= self.grid.allowed.fastest:
+        slow = self.grid.allowed.up_to(self.slow_rate)
+        if slow is None or self.slow_rate >= self.grid.allowed.fastest:
             return None
-        arcs = self.arcs(SLOW_ERROR, self.slow_enough)
+        arcs = self.arcs(SLOW_ERROR, self.slow_rate)
         slower = Grid.of(self.grid.series, arcs, self.grid.prior, slow)
         return slower.search(self.workers, progress, SURVIVORS, kept).cells
 
@@ -266,15 +271,14 @@ class _Refinement:
 
     def arcs(self, error: float, fastest: float) -> Arcs:
         """Arcs for rates up to the fastest (rad/s), with a relative error of the body."""
-        return Arcs.of(self.points, min(fastest + CHANGE, self.grid.allowed.fastest), error)
+        return Arcs.of(self.points, min(fastest + DIRECTION_RATE, self.grid.allowed.fastest), error)
 
-    def by_facets(self, cells: Cells, most: int, fastest: float = np.inf) -> Cells:
-        """The best cells, of rates up to the fastest (rad/s), in the order in which facets fit.
+    def by_facets(self, cells: Cells, fastest: float = np.inf) -> Cells:
+        """Cells of rates up to the fastest (rad/s) in the order in which a few facets fit.
 
         The evidence of a random body leaves out what its series does not resolve. Bright data tell
         motions apart by that.
         """
-        cells = cells.at(np.arange(min(most, cells.rate.size)))
         arcs = self.arcs(RANKED.error, fastest)
         phase = cells.rate[:, None] * np.asarray(arcs.middle)
         motion = self.grid.poles[cells.pole], cells.rate, phase

@@ -24,12 +24,7 @@ from lcbayes.inference.spin_search.allowed import Allowed
 from lcbayes.inference.spin_search.arcs import Arcs, Points
 from lcbayes.inference.spin_search.cells import Cells, Coverage, Grid
 from lcbayes.inference.spin_search.facets import Bodies, starts
-from lcbayes.inference.spin_search.search import (
-    Stage,
-    _Refinement,
-    applies,
-    complete_search,
-)
+from lcbayes.inference.spin_search.search import Stage, _Refinement, applies, complete_search
 from lcbayes.inference.spin_search.series import Series, log_evidence, precision, total_area
 from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
@@ -218,9 +213,9 @@ def test_whole_turns_between_two_passes_are_told_apart_by_facets():
     truth = Truth(snr=100.0, passes=(0.0, 8 * GAP))
     run = refinement(truth, OMEGA_SD)
     found = run.grid.search(1, Silent(), 60_000)
-    cells = run.aliases(run.by_facets(found.states, 20_000))
+    cells = run.aliases(run.by_facets(found.states.kept(20_000)))
     assert cells.rate.size > 10 * complete.STATES[0]
-    ordered = run.by_facets(cells, cells.rate.size)
+    ordered = run.by_facets(cells)
     assert ranks(truth, run.grid, ordered).min() < 20
     assert ranks(truth, run.grid, found.cells).min(initial=60_000) > 1000
 
@@ -233,7 +228,7 @@ def test_slow_spins_are_told_apart_by_facets():
     assert slow is not None
     assert slow.rate.max() < 2 * np.pi * complete.SLOW_TURNS / (16 * GAP)
     assert ranks(truth, run.grid, slow).min() > 400
-    ordered = run.by_facets(slow, slow.rate.size, run.slow_enough)
+    ordered = run.by_facets(slow, run.slow_rate)
     assert ranks(truth, run.grid, ordered).min() < 100
 
 
