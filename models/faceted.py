@@ -131,9 +131,11 @@ def moves(
     log_area_mean: float = 0.0,
     log_area_sd: float = 1.0,
     zero_point_sd: float = nuisances.ZERO_POINT_SD,
+    superfluous: bool = False,
     **options: object,  # noqa: ARG001
 ) -> FacetMoves | None:
-    """Moves of single facets of a spinning body of several, to test whether chains missed any."""
-    if spin == "none" or n_facets < MOVED_FACETS:
+    """Moves of single facets of a spinning body of several, to test whether chains missed any, or
+    of any body of several if some of them may be ``superfluous``."""
+    if n_facets < 2 or not (superfluous or (spin != "none" and n_facets >= MOVED_FACETS)):
         return None
     return FacetMoves.of(problem, data, reflectance, log_area_mean, log_area_sd, zero_point_sd)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -24,6 +24,7 @@ from lcbayes.inference.spin_search.search import Spins, applies, find_spins, wit
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem, prior_draws
 from lcbayes.samplers import smc
+from lcbayes.samplers.added_facet import Ratio
 from lcbayes.samplers.bridge import LogEvidence
 from lcbayes.samplers.chains import Whitening
 from lcbayes.samplers.convergence import MAX_DIVERGING, MAX_RHAT, MIN_ESS, rhat_and_ess
@@ -31,9 +32,11 @@ from lcbayes.samplers.tempering_path import time_ordered
 
 Floats = NDArray[np.float64]
 
-MAX_SE = 0.3  # nats, of an evidence that is relied on
+MAX_SE = 0.3  # nats, of an evidence or of a ratio that is relied on
 DOUBTED = 3.0  # nats, least error of an evidence from chains that are in doubt
 MAX_SPREAD = 0.5  # nats, standard deviation between chains
+ALIKE = 3.0  # nats, by which arrangements of as many facets may differ in density
+MIXED = 1.1  # R-hat of chains whose draws are bridged to those of another number of facets
 OPTIMISED = 32  # end points of the search that are kept, and optimised for the prior on areas
 WITH_ONE_MORE = 16  # starts that add a facet to the best fit with one facet fewer
 
@@ -162,22 +165,49 @@ class FromChains(NamedTuple):
     log_evidence : LogEvidence
     doubt : str
         Why the evidence is not to be relied on; empty if it is.
+    mixed : bool
+        Whether the draws represent the posterior, by chains that agree and solutions that are
+        complete.
     """
 
     posterior: Posterior
     runs: list[smc.Result]
     log_evidence: LogEvidence
     doubt: str = ""
+    mixed: bool = True
+
+    @property
+    def by_chain(self) -> Floats:
+        """ln evidence from each chain alone, (C,)."""
+        return np.array([run.log_evidence for run in self.runs])
+
+    def related(self, other: FromChains, ratio: Ratio, sign: int) -> FromChains | None:
+        """The same draws with the evidence of ``other``, whose ``ratio`` to it has that sign of its
+        logarithm; None if the ratio is not to be relied on."""
+        spread = float(np.std(ratio.each, ddof=1))
+        se = max(ratio.whole.se, spread / np.sqrt(ratio.each.size))
+        if not (se <= MAX_SE and spread <= MAX_SPREAD):
+            return None
+        value = other.log_evidence.value + sign * ratio.whole.value
+        total = LogEvidence(value, float(np.hypot(se, other.log_evidence.se)))
+        self.posterior.log_evidence = total
+        by_chain = other.by_chain + sign * ratio.each
+        runs = [
+            replace(run, log_evidence=float(own))
+            for run, own in zip(self.runs, by_chain, strict=True)
+        ]
+        return self._replace(runs=runs, log_evidence=total, doubt="")
 
 
-def measure(
+def estimate(
     stages: Stages, problem: Problem, ends: Ends, data: Epochs, key: jax.Array
 ) -> FromChains:
     """The evidence from chains about each solution and bridges.
 
-    Its error is the larger of that of the bridges and of the scatter between chains, each of which
-    gives an evidence by itself: on a thin curved sheet a single bridge may be far off without
-    noticing.
+    If chains or bridges are in doubt, the error is at least `DOUBTED`. Otherwise it is the largest
+    of that of the bridges, the scatter between chains, each of which gives an evidence by itself,
+    and the difference of their mean from the evidence of all: on a thin curved sheet a bridge may
+    be far off without noticing.
 
     Parameters
     ----------
@@ -193,25 +223,6 @@ def measure(
     Raises
     ------
     Doubtful
-        The solutions may be incomplete, chains disagree or bridges do not hold.
-    """
-    posterior = _sampled(stages, problem, ends, data, key)
-    if doubt := _doubt(posterior):
-        raise Doubtful(doubt)
-    found = _from_chains(stages, posterior)
-    if found.doubt:
-        raise Doubtful(found.doubt)
-    return found
-
-
-def estimate(
-    stages: Stages, problem: Problem, ends: Ends, data: Epochs, key: jax.Array
-) -> FromChains:
-    """`measure`, with a doubt and an error of `DOUBTED` or more in place of an exception.
-
-    Raises
-    ------
-    Doubtful
         The solutions may be incomplete, so that nothing was sampled.
     """
     posterior = _sampled(stages, problem, ends, data, key)
@@ -222,7 +233,14 @@ def estimate(
     total = LogEvidence(bridged.value, max(bridged.se, DOUBTED))
     same = np.full(stages.settings.num_chains, bridged.value)
     posterior.log_evidence = total
-    return FromChains(posterior, _runs(posterior, stages.plain, same), total, doubt)
+    runs, mixed = _runs(posterior, stages.plain, same), _mixed(posterior)
+    return FromChains(posterior, runs, total, doubt, mixed)
+
+
+def _mixed(posterior: Posterior) -> bool:
+    if posterior.reasons:
+        return False
+    return all(max(rhat_and_ess(m.z)[0], m.apart) <= MIXED for m in posterior.modes)
 
 
 def _sampled(
@@ -234,7 +252,10 @@ def _sampled(
     top = np.asarray(ends.state.z)[np.isfinite(ends.state.potential)]
     state = search.best_first(search.polish(plain, data, top, stages.workers))
     found = solutions.distinct(plain, data, state, order, len(state.z))
-    if not ends.complete and found[0].hits < 2:
+    again = found[0].hits
+    if stages.moves(plain, data) is not None:  # which lead from one arrangement to another
+        again = int(np.sum(state.potential < state.potential[0] + ALIKE))
+    if not ends.complete and again < 2:
         raise Doubtful("only one start ended at the best solution")
     if (mirror := stages.mirror(plain, data)) is not None:
         found = solutions.with_images(plain, data, found, mirror, order)
@@ -252,11 +273,13 @@ def _from_chains(stages: Stages, posterior: Posterior) -> FromChains:
     by_chain = _by_chain(posterior, order, stages.settings.seed)
     spread = float(np.std(by_chain, ddof=1))
     bridged = posterior.log_evidence
-    total = LogEvidence(bridged.value, max(bridged.se, spread / np.sqrt(by_chain.size)))
+    apart = abs(float(np.mean(by_chain)) - bridged.value)
+    error = max(bridged.se, spread / np.sqrt(by_chain.size), apart)
+    total = LogEvidence(bridged.value, float(error))
     doubt = ""
     if not (total.se <= MAX_SE and spread <= MAX_SPREAD):
         doubt = (
-            f"the bridges are uncertain by {bridged.se:.2g} nat and scatter by {spread:.2g} nat "
+            f"the bridges are uncertain by {total.se:.2g} nat and scatter by {spread:.2g} nat "
             "between chains"
         )
     posterior.log_evidence = total

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import time
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Future
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -16,13 +19,14 @@ from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Parts, Silent
 from lcbayes.core.reasons import Finding
+from lcbayes.core.threads import threads
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference import basins, chain_evidence, population, screening, search, sparse
 from lcbayes.inference import correlation as information
 from lcbayes.inference import goodness_of_fit as misfit
 from lcbayes.inference.area_prior import AreaPrior, area_prior_of, bic
 from lcbayes.inference.candidate import Candidate, candidate, log_likelihood
-from lcbayes.inference.chain_evidence import Doubtful, Ends, Searches
+from lcbayes.inference.chain_evidence import Doubtful, Ends, FromChains, Searches
 from lcbayes.inference.fit import Stages, posterior_of
 from lcbayes.inference.label_switching import FacetOrder
 from lcbayes.inference.odds import facets
@@ -32,7 +36,8 @@ from lcbayes.inference.screening import RuledOut
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem, prior_draws
 from lcbayes.modelling.registry import Entry
-from lcbayes.samplers import smc
+from lcbayes.samplers import added_facet, smc
+from lcbayes.samplers.added_facet import Ratio
 from lcbayes.samplers.sampling import Timing
 from lcbayes.samplers.settings import Settings
 from lcbayes.samplers.tempering_path import time_ordered
@@ -40,6 +45,7 @@ from lcbayes.samplers.tempering_path import time_ordered
 Floats = NDArray[np.float64]
 
 STARTS = 64  # starts of the search for each number of facets
+DRAWS = 1000  # of a chain, enough for an evidence; of the likeliest number, as many as a fit needs
 
 
 @dataclass
@@ -90,8 +96,9 @@ def run(
 ) -> Compared:
     """Evidence and LOO of each plausible number of facets, by `smc` from the prior or by chains.
 
-    The numbers are processed in order of their best fits. A number whose largest likelihood lies
-    far below an evidence already computed is ruled out (`lcbayes.inference.screening`).
+    The numbers are processed in order of their Bayesian information criterion. A number whose
+    largest likelihood lies far below an evidence already computed is ruled out
+    (`lcbayes.inference.screening`).
 
     The likelihood is raised to the same power for every number, because evidences of different data
     cannot be compared. The power follows from the residuals of the best fit over all numbers
@@ -211,6 +218,9 @@ class _Comparison:
     area_prior: AreaPrior | None = None
     chains: Settings | None = None
     ends: Mapping[int, Ends] = field(default_factory=dict)  # of the searches, for chains
+    likeliest: int = 0  # by the information criterion
+    sampled: dict[int, FromChains] = field(default_factory=dict)
+    ratios: dict[int, Ratio] = field(default_factory=dict)  # of n + 1 and n facets
     candidates: dict[int, Candidate] = field(default_factory=dict)
     ruled_out: dict[int, RuledOut] = field(default_factory=dict)
     failed: list[Finding] = field(default_factory=list)
@@ -241,30 +251,57 @@ class _Comparison:
 
     def measure_all(self, key_runs: jax.Array, key_mass: jax.Array, parts: Parts) -> None:
         """Evidence of each number in order of the best fits, or the reason it is ruled out."""
-        for n in sorted(self.problems, key=lambda n: (-self._best_likelihood(n), n)):
-            if out := self._excluded(n):
-                self.ruled_out[n] = out
-                parts.total -= _cost(n)
-                parts.reach(parts.done, f"{facets(n)} ruled out")
+        doubts: dict[int, str] = {}
+        order = sorted(self.problems, key=self._criterion)
+        self.likeliest = order[0]
+        with threads(1) as compiler:
+            ready: Future | None = None
+            for n, following in itertools.pairwise([*order, 0]) if self.chains else ():
+                if n not in self.ends or self._ruled_out(n, parts):
+                    continue
+                if ready is not None:
+                    ready.result()
+                ready = compiler.submit(self._prepare, following)
+                with parts.part(_cost(n), facets(n), self.execution.settings.num_chains) as within:
+                    doubts[n] = self._by_chains(n, key_runs, key_mass, within)
+        while self._relate(doubts, key_runs, key_mass):
+            pass
+        for n in order:
+            if n in self.candidates or n in self.ruled_out or self._ruled_out(n, parts):
                 continue
-            settings = self.execution.settings
-            with parts.part(_cost(n), facets(n), settings.num_chains) as within:
-                own_runs, own_mass = (jax.random.fold_in(key, n) for key in (key_runs, key_mass))
+            parts.total += _cost(n) if n in doubts else 0.0
+            with parts.part(_cost(n), facets(n), self.execution.settings.num_chains) as within:
                 try:
-                    self.candidates[n] = self._measured(n, own_runs, own_mass, within)
+                    made = self._by_particles(n, key_runs, key_mass, within)
                 except (smc.Collapse, InputError) as fault:
                     why = f"{facets(n)}: {fault}"
                     self.failed.append(Finding("number-not-followed", {"why": why}))
+                    continue
+            self.candidates[n] = replace(made, doubt=doubts.get(n, ""))
 
-    def _measured(
+    def _prepare(self, n: int) -> None:
+        """Compile the chains of the next number while those of another run."""
+        least = max((c.log_evidence for c in self.candidates.values()), default=-np.inf)
+        if n not in self.ends or self._best_likelihood(n) < least - screening.MARGIN:
+            return  # it will be ruled out
+        stages = self._stages(n, Silent())
+        with suppress(Exception):  # whatever fails will fail again where the message is seen
+            problem = build_problem(self.entry, stages.options, self.data)[1]
+            stages.sampler(problem, self.weighed).prepare(self.weighed, Timing())
+
+    def _ruled_out(self, n: int, parts: Parts) -> bool:
+        """Whether a number is ruled out, which is then recorded."""
+        out = self._excluded(n)
+        if out is not None:
+            self.ruled_out[n] = out
+            parts.total -= _cost(n)
+            parts.reach(parts.done, f"{facets(n)} ruled out")
+        return out is not None
+
+    def _by_particles(
         self, n: int, key_runs: jax.Array, key_mass: jax.Array, progress: Silent
     ) -> Candidate:
-        doubt = ""
-        if self.chains is not None and n in self.ends:
-            try:
-                return self._by_chains(n, key_runs, key_mass, progress)
-            except Doubtful as fault:
-                doubt = str(fault)
+        key_runs, key_mass = (jax.random.fold_in(key, n) for key in (key_runs, key_mass))
         problem, settings = self.problems[n], self.execution.settings
         name = f"facets-{n}-run"
         runs = self.execution.runs(
@@ -281,25 +318,83 @@ class _Comparison:
         posterior = posterior_of(problem, self.weighed, order, modes, measured.weighed.log_evidence)
         posterior.reasons, posterior.timing = [*result.reasons, *warnings], timing
         posterior.settings = settings
-        return replace(result, posterior=posterior, doubt=doubt)
+        return replace(result, posterior=posterior)
 
-    def _by_chains(
-        self, n: int, key_runs: jax.Array, key_mass: jax.Array, progress: Silent
-    ) -> Candidate:
-        """The candidate from chains; raises Doubtful if they cannot be relied on."""
+    def _by_chains(self, n: int, key_runs: jax.Array, key_mass: jax.Array, progress: Silent) -> str:
+        """Sample a number by chains, and keep its candidate unless its evidence is in doubt.
+
+        The reason for the doubt is returned.
+        """
+        stages = self._stages(n, progress)
+        sampled = build_problem(self.entry, stages.options, self.data)[1]
+        key = jax.random.fold_in(key_runs, n)
+        try:
+            found = chain_evidence.estimate(stages, sampled, self.ends[n], self.weighed, key)
+        except (Doubtful, InputError) as fault:
+            return str(fault)
+        self.sampled[n] = found
+        if not found.doubt:
+            self._keep(n, found, key_mass)
+        return found.doubt
+
+    def _relate(self, doubts: Mapping[int, str], key_runs: jax.Array, key_mass: jax.Array) -> bool:
+        """Whether the evidence of a number in doubt follows from that of a neighbour.
+
+        The ratio of the two is that of `lcbayes.samplers.added_facet`.
+        """
+        for n in sorted(doubts):
+            if n in self.candidates or n not in self.sampled or not self.sampled[n].mixed:
+                continue
+            for known, sign in ((n - 1, 1), (n + 1, -1)):
+                if known not in self.candidates:
+                    continue
+                ratio = self._ratio(min(n, known), key_runs)
+                if ratio is None:
+                    continue
+                found = self.sampled[n].related(self.sampled[known], ratio, sign)
+                if found is not None:
+                    self.sampled[n] = found
+                    self._keep(n, found, key_mass)
+                    return True
+        return False
+
+    def _ratio(self, n: int, key: jax.Array) -> Ratio | None:
+        """The ratio of the evidences of n + 1 and n facets; None if the model has no moves."""
+        if n not in self.ratios:
+            stages = self._stages(n + 1, Silent())
+            moves = stages.moves(stages.plain, self.weighed)
+            if moves is None:
+                return None
+            fewer, more = ([r.z for r in self.sampled[k].runs] for k in (n, n + 1))
+            key = jax.random.fold_in(jax.random.fold_in(key, n), 1)
+            arguments = (self.problems[n], moves, self.weighed, fewer, more, key)
+            self.ratios[n] = added_facet.log_ratio(*arguments)
+        return self.ratios[n]
+
+    def _stages(self, n: int, progress: Silent) -> Stages:
         assert self.chains is not None
         options = {**self.options, "n_facets": n}
-        problem, sampled = build_problem(self.entry, options, self.data)
+        problem = build_problem(self.entry, options, self.data)[0]
         kept = self.execution.checkpoint.within(f"facets-{n}")
-        workers = self.execution.workers
-        arguments = (self.chains, workers, kept, progress, Timing(), options)
-        stages = Stages(problem, self.entry, *arguments)
-        posterior, runs, total, _ = chain_evidence.measure(
-            stages, sampled, self.ends[n], self.weighed, key_runs
-        )
-        log_z = np.array([r.log_evidence for r in runs])
-        measured = candidate(n, problem, self.weighed, runs, (total, log_z, []), key_mass)
-        return replace(measured, posterior=posterior)
+        settings = self.chains
+        if n != self.likeliest:
+            asked: dict[str, Any] = settings.as_dict() | {"num_samples": DRAWS}
+            settings = Settings(**asked)
+        arguments = (settings, self.execution.workers, kept, progress, Timing(), options)
+        return Stages(problem, self.entry, *arguments, superfluous=True)
+
+    def _keep(self, n: int, found: FromChains, key_mass: jax.Array) -> None:
+        """Make the candidate of a number from its chains."""
+        problem, key = self.problems[n], jax.random.fold_in(key_mass, n)
+        evidence = (found.log_evidence, found.by_chain, [])
+        made = candidate(n, problem, self.weighed, found.runs, evidence, key)
+        self.candidates[n] = replace(made, posterior=found.posterior)
+
+    def _criterion(self, n: int) -> tuple[float, int]:
+        """Bayesian information criterion of a number, by which numbers are processed."""
+        if n not in self.optima:
+            return np.inf, n
+        return bic(self.problems[n], self.optima[n], self.weighed), n
 
     def _best_likelihood(self, n: int) -> float:
         if n not in self.optima:

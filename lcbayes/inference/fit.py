@@ -58,6 +58,7 @@ from lcbayes.modelling.registry import Entry
 from lcbayes.samplers import annealing, bridge
 from lcbayes.samplers.bridge import LogEvidence
 from lcbayes.samplers.chains import Whitening
+from lcbayes.samplers.facet_moves import FacetMoves
 from lcbayes.samplers.sampling import BLOCK, OPTIMA, Sampler, Timing
 from lcbayes.samplers.settings import NUTS, PARTICLES, Settings
 from lcbayes.samplers.tempering_path import time_ordered
@@ -152,6 +153,7 @@ class Stages:
     progress: Silent
     timing: Timing
     options: Mapping[str, Any] = field(default_factory=dict)
+    superfluous: bool = False  # whether there may be more facets than the data show
 
     @classmethod
     def of(
@@ -275,12 +277,17 @@ class Stages:
 
     def sampler(self, problem: Problem, data: Epochs) -> Sampler:
         """The sampler of chains, with the moves or the guide of the model if it has any."""
-        hook = self.entry.hook("moves")
-        moves = None if hook is None else hook(problem, data, **self.options)
+        moves = self.moves(problem, data)
         hook = self.entry.hook("guide")
         held = None if hook is None else hook(problem, data, **self.options)
         ordered = self.order(problem).like_all
         return Sampler(problem, self.settings, self.workers, moves, ordered, held)
+
+    def moves(self, problem: Problem, data: Epochs) -> FacetMoves | None:
+        """The moves of the model, if it has any."""
+        hook = self.entry.hook("moves")
+        own = {"superfluous": True} if self.superfluous else {}
+        return None if hook is None else hook(problem, data, **self.options, **own)
 
     def prepared(self, problem: Problem, data: Epochs, stopped: Event) -> None:
         """Compile what is needed after the search, until the fit has ``stopped``."""

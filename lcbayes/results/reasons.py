@@ -62,8 +62,8 @@ SENTENCES = {
     "particles-lost": "{facets} facets: the particles missed the posterior: they fit {nats:.0f} "
     "nats worse than with {fewer}; increase --num-particles",
     "probability-uncertain": "independent runs differ too much: the probability of {facets} may be "
-    "anything from {low} to {high}; take more particles with --num-particles, or more runs with "
-    "--num-runs",
+    "anything from {low} to {high}; take more runs with --num-runs, or, for evidences from "
+    "particles, more of these with --num-particles",
     "points-overcounted": "each point was counted as {used:.2g} independent ones, after the best "
     "fit of the search, but the particles found a better one whose residuals are worth "
     "{found:.2g}: search longer with --num-starts",

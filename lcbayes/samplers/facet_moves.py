@@ -232,7 +232,7 @@ class FacetMoves:
             return self.problem.potential(flat(facets), data)
 
         key_axes, key_moves = jax.random.split(key)
-        at = _Place(self, self._sky(key_axes, sun, obs), sun, obs)
+        at = self.at(key_axes, sun, obs)
         start = at.facets(free[NORMALS] / length, free[AREAS])
         kinds = jnp.asarray(np.repeat(range(5), [1] + 4 * [MOVES]))
 
@@ -252,6 +252,10 @@ class FacetMoves:
             step, (start, jnp.array(jnp.inf)), (kinds, jax.random.split(key_moves, kinds.size))
         )
         return flat(state[0])
+
+    def at(self, key: jax.Array, sun: jax.Array, obs: jax.Array) -> Place:
+        """The moves for directions to Sun and observer (T, 3), with random axes of the cells."""
+        return Place(self, self._sky(key, sun, obs), sun, obs)
 
     def columns(self, sun: jax.Array, obs: jax.Array, normal: jax.Array) -> jax.Array:
         """Brightness (..., T) of facets of unit area, over the errors."""
@@ -286,7 +290,7 @@ class FacetMoves:
 
 
 @dataclass(frozen=True)
-class _Place:
+class Place:
     """The moves for one motion of the body.
 
     Attributes

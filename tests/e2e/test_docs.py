@@ -26,7 +26,7 @@ SHORT_RUN_FLAGS = [f"--{k.replace('_', '-')}={v}" for k, v in SHORT_RUN.items()]
 SOONER = {
     "fit": SHORT_RUN_FLAGS,
     "batch": [*SHORT_RUN_FLAGS, "--workers=1"],
-    "compare": ["--num-particles=12", "--num-runs=2", "--num-starts=4"],
+    "compare": ["--evidence=particles", "--num-particles=12", "--num-runs=2", "--num-starts=4"],
     "scan": ["--n-poles=4", "--n-sky=8", "--n-facets=60", "--degree=3", "--keep=2"],
     "albedo-area": ["--n-normals=100", "--nulls=19", "--bootstrap=10"],
     "attitude-test": ["--bodies=199"],
@@ -129,7 +129,8 @@ def test_commands_of_a_page_run(page, tmp_path, monkeypatch):
 @pytest.fixture
 def short_runs(monkeypatch):
     monkeypatch.setattr(lcbayes, "fit", functools.partial(lcbayes.fit, **SHORT_RUN), raising=False)
-    less = functools.partial(lcbayes.compare, num_particles=12, num_runs=2, num_starts=4)
+    few = {"evidence": "particles", "num_particles": 12, "num_runs": 2, "num_starts": 4}
+    less = functools.partial(lcbayes.compare, **few)
     monkeypatch.setattr(lcbayes, "compare", less, raising=False)
 
 

@@ -57,7 +57,8 @@ def test_a_moved_folder_is_used_without_the_files_it_was_made_of(folder, tmp_pat
     assert (folder / "report.html").is_file()
 
 
-COMPARE = ["--n-facets", "1,2", "--spin", "none", "--num-particles", "10", "--num-runs", "2"]
+COMPARE = ["--n-facets", "1,2", "--spin", "none", "--num-runs", "2"]
+COMPARE += ["--evidence", "particles", "--num-particles", "10"]
 
 
 @pytest.mark.slow

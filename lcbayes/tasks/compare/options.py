@@ -81,8 +81,8 @@ class CompareOptions(ModelOptions):
     num_runs: int = option(4, low=2, help="independent runs for each number of facets")
     num_starts: int = option(0, low=0, help="starts of the search for the best fit; 0: 64")
     evidence: str = option(
-        PARTICLES,
-        choices=(PARTICLES, CHAINS),
+        CHAINS,
+        choices=(CHAINS, PARTICLES),
         help="chains: chains and bridges where these agree, particles for the other numbers",
     )
     sparse: int | None = option(
@@ -135,9 +135,9 @@ TASK = Task(
     details="""\
 examples:
   lcbayes compare pass.csv --n-facets 1-8 -o out
-  lcbayes compare pass.csv --n-facets 2,3,4 --num-particles 2000 --num-runs 8 -o out
+  lcbayes compare pass.csv --n-facets 2,3,4 --num-runs 8 -o out
   lcbayes compare pass.csv --n-facets 1-4 --sparse 10 -o out
-  lcbayes compare passes.csv --n-facets 1-4 --evidence chains -o out
+  lcbayes compare pass.csv --n-facets 1-3 --evidence particles --num-particles 500 -o out
   lcbayes compare starlink.csv --n-facets 1-3 --model stabilised -o out
   lcbayes compare pass.csv --bodies rocket-stage my.toml facets:3-4 -o out
   lcbayes compare glint.csv --n-facets 1-4 --model faceted-brdf --reflectance cook-torrance -o out
@@ -146,9 +146,11 @@ Evidences and predictive densities are natural logarithms (nat). Each number of
 facets is as likely as the others before the data. The exit status is 3 where the
 independent runs differ too much for a conclusion, or the particles lost their way.
 
---evidence chains searches the solutions of each number, samples each with --num-runs
-chains, and gives the evidence by bridge sampling. Where chains disagree, a bridge is
-uncertain by more than 0.3 nat, or a solution may be missing, particles are used.
+The solutions of each number are searched and sampled with --num-runs chains, and bridge
+sampling gives the evidence. Facets that the data do not determine are weighed by a bridge
+to one facet fewer. Where chains disagree, a bridge is uncertain by more than 0.3 nat, or
+a solution may be missing, particles go from the prior to the posterior instead, in
+--num-runs runs; --evidence particles uses them alone, as a check, and takes far longer.
 --bodies compares kinds of body, each as likely as the others before the data: known
 bodies by name or TOML file, as for fit --model body, and numbers of facets of --model.
 Options hold for the models that have them. The evidence is that of chains; where it

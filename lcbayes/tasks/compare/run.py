@@ -30,9 +30,10 @@ from lcbayes.tasks.task import Context, task_function
 def compare(curve: LightCurve, options: CompareOptions, context: Context) -> Comparison:
     """Compare numbers of facets, or kinds of body, for a light curve.
 
-    For each number, independent runs of tempered particles from the prior to the posterior give the
-    evidence; the scatter between runs gives its error. With ``evidence="chains"``, chains about
-    each solution and bridges give it where they agree. The predictive densities of left-out epochs
+    For each number, chains about each solution and bridges give the evidence, or a bridge to one
+    facet fewer where a facet is superfluous. Where they cannot be relied on, or with
+    ``evidence="particles"``, independent runs of tempered particles from the prior to the posterior
+    give it; the scatter between runs gives its error. The predictive densities of left-out epochs
     are also given. They answer a different question: which number predicts best, not which is true.
     With ``bodies=["rocket-stage", "my.toml", "facets:3-4"]``, known bodies and numbers of facets
     are compared together, by chains.

@@ -133,7 +133,7 @@ def test_areas_are_drawn_with_the_stated_density(campaign, coordinate):
         problem=nothing,
         law="lambertian",
     )
-    place = facet_moves._Place(moves, moves._sky(jax.random.key(6), s, o), s, o)
+    place = moves.at(jax.random.key(6), s, o)
     facets = place.facets(jnp.asarray(normals[0]), jnp.log(areas[0]))
     moves = replace(moves, flux=moves.flux + areas[0] @ facets.column)
     place = replace(place, moves=moves, sky=moves._sky(jax.random.key(6), s, o))
@@ -272,7 +272,7 @@ def test_moves_without_the_light_curve_keep_a_sample_of_bodies(campaign, kind):
     nothing: Any = None
     ones, zero = jnp.ones(2), jnp.zeros((0, 2))
     moves = facet_moves.FacetMoves(ones, ones, zero, problem=nothing, law="lambertian")
-    place = facet_moves._Place(moves, moves._sky(jax.random.key(0), s, o), s, o)
+    place = moves.at(jax.random.key(0), s, o)
     number = 40_000
 
     def after(row):

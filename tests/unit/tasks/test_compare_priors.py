@@ -12,7 +12,14 @@ from lcbayes.inference.area_prior import area_prior_of
 from lcbayes.modelling import registry
 from tests.helpers import small_curves
 
-SHORT = {"n_facets": (1, 2), "spin": "none", "num_particles": 12, "num_runs": 2, "num_starts": 8}
+SHORT = {
+    "n_facets": (1, 2),
+    "spin": "none",
+    "evidence": "particles",
+    "num_particles": 12,
+    "num_runs": 2,
+    "num_starts": 8,
+}
 PRIOR = {"log_albedo_area": dist.Normal(1.5, 0.4)}
 
 
