@@ -17,8 +17,8 @@ DEPTH = 12.0  # nats below the best that are drawn; arrows mark lower values
 ALT = "Posterior probability, ln evidence and predictive density of each number of facets."
 CAPTION = (
     "Left: posterior probability of each number of facets, with its 90 % interval from the "
-    "differences between independent runs. Middle: ln evidence against the best, each run a dot, "
-    "and the standard error of their mean. Right: predictive density of left-out epochs against "
+    "errors of the evidences. Middle: ln evidence against the best with its standard error, and "
+    "each chain or independent run as a dot. Right: predictive density of left-out epochs against "
     "the best, with the standard error of the difference. Arrows: below the scale; with <, "
     "for an excluded number, the upper bound of its evidence."
 )

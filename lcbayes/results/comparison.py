@@ -279,7 +279,7 @@ def notes(summary: Mapping[str, Any]) -> list[str]:
     if out := [row["n_facets"] for row in summary["ruled_out"]]:
         said.append(
             f"Ruled out by the best fit alone, whose likelihood no evidence can exceed: "
-            f"{join_words([*map(str, out[:-1]), facets(out[-1])])}. No particles were spent there."
+            f"{join_words([*map(str, out[:-1]), facets(out[-1])])}. They were not sampled."
         )
     said += _sparse_notes(summary)
     said += _area_notes(summary)
