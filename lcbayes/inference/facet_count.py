@@ -250,7 +250,7 @@ class _Comparison:
             parts.total += _cost(n)
 
     def measure_all(self, key_runs: jax.Array, key_mass: jax.Array, parts: Parts) -> None:
-        """Evidence of each number in order of the best fits, or the reason it is ruled out."""
+        """Evidence of each number, the likeliest first, or the reason it is ruled out."""
         doubts: dict[int, str] = {}
         order = sorted(self.problems, key=self._criterion)
         self.likeliest = order[0]
@@ -359,7 +359,13 @@ class _Comparison:
         return False
 
     def _ratio(self, n: int, key: jax.Array) -> Ratio | None:
-        """The ratio of the evidences of n + 1 and n facets; None if the model has no moves."""
+        """The ratio of the evidences of n + 1 and n facets.
+
+        None if the model has no moves of facets, or if priors of facets are not its own: these need
+        not be the same for all facets.
+        """
+        if set(self.entry.facet_sites) & set(self.entry.replaced):
+            return None
         if n not in self.ratios:
             stages = self._stages(n + 1, Silent())
             moves = stages.moves(stages.plain, self.weighed)
