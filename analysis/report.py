@@ -24,7 +24,7 @@ from lcbayes.analysis.contents import Mode, Results
 from lcbayes.analysis.numerals import date, duration, percent, show
 from lcbayes.analysis.pages import environment
 from lcbayes.results.asteroid import tilt_warning
-from lcbayes.results.reasons import agreement, searched, stored
+from lcbayes.results.reasons import agreement, measured_faults, searched, stored
 
 MOST_MODES = 3  # solutions drawn in full; the others are listed
 
@@ -86,6 +86,7 @@ def _compose(results: Results, gallery: style.Gallery) -> tuple[str, list[shape_
         "curves": curves if len(curves) > 1 else [],
         "outliers": tables.outlier_table(results),
         "spins": tables.spin_table(results),
+        "measured_faults": measured_faults(drawn[0].summary["parameters"])[1:],
         "rests_on": tables.rests_on_table(results),
         "residual_tests": tables.residual_table(results),
         "residual_unit": "mag" if results.is_magnitude else "in the unit of the flux",

@@ -386,6 +386,19 @@ FAULTS = {
     "elements_1_day": "elements one day older",
 }
 LEAST_SHIFT = 0.05  # sd; smaller shifts are not mentioned
+MEASURED_SD = 4.0  # distance from zero at which a fault is measured
+MEASURED = {  # with the unit as a factor
+    "rate_drift": (
+        100.0,
+        "the rate of rotation changes by {mean:.2g} ± {sd:.1g} %; a pass with late times would "
+        "look the same, and so may a motion that is not constant",
+    ),
+    "clock_offset": (1.0, "{name} is {mean:.2g} ± {sd:.1g} s; times are late where it is positive"),
+    "zero_point": (
+        1.0,
+        "{name} is {mean:.2g} ± {sd:.1g} mag; points are fainter where it is positive",
+    ),
+}
 
 
 def searched(coverage: Mapping[str, Any] | None) -> list[str]:
@@ -428,6 +441,20 @@ def other_spins(spins: Sequence[Mapping[str, Any]]) -> list[str]:
     if len(spins) > MOST_SPINS:
         lines.append(f"  … and {len(spins) - MOST_SPINS} more in summary.json")
     return lines
+
+
+def measured_faults(parameters: Mapping[str, Any]) -> list[str]:
+    """Lines on small faults that the data show, and on what would look the same."""
+    parts: list[str] = []
+    for name, found in parameters.items():
+        known, mean, sd = MEASURED.get(name.partition("[")[0]), found.get("mean"), found.get("sd")
+        if known is None or mean is None or sd is None or abs(mean) < MEASURED_SD * sd:
+            continue
+        factor, words = known
+        parts.append("  " + words.format(name=name, mean=factor * mean, sd=factor * sd))
+    return (
+        ["small faults that the data show, and that the fit allows for:", *parts] if parts else []
+    )
 
 
 def rests_on(moved: Mapping[str, Mapping[str, float]]) -> list[str]:

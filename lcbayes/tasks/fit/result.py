@@ -31,7 +31,13 @@ from lcbayes.results.content import BodyContent, FitContent, ParameterContent
 from lcbayes.results.light_curve import load_light_curve
 from lcbayes.results.load import open_posterior
 from lcbayes.results.posterior import save_tree
-from lcbayes.results.reasons import agreement, other_spins, rests_on, searched
+from lcbayes.results.reasons import (
+    agreement,
+    measured_faults,
+    other_spins,
+    rests_on,
+    searched,
+)
 from lcbayes.results.record import Record
 from lcbayes.results.result import Result
 
@@ -147,6 +153,7 @@ class Fit(Result[FitContent]):
             lines += self._parameters(mode["parameters"])
             lines += _body(mode.get("body"))
         lines += [*other_spins(content.get("spins", [])), *searched(content.get("search"))]
+        lines += measured_faults(content["modes"][0]["parameters"])
         return [*lines, *rests_on(content.get("rests_on", {}))]
 
     def _rotation(self, index: int) -> Iterator[str]:

@@ -18,6 +18,7 @@ from lcbayes.results.reasons import (
     SENTENCES,
     TESTS,
     condition,
+    measured_faults,
     name_of_test,
     reason,
     reasons,
@@ -165,3 +166,17 @@ def test_every_test_of_the_residuals_has_words():
     assert name_of_test("lobe facet 1") == "a weak lobe of facet 1"
     assert name_of_test("zero-point site Calar Alto") == "the zero point of site Calar Alto"
     assert name_of_test("rotational phase") == "the residuals against the rotational phase"
+
+
+def test_small_faults_that_the_data_show_are_named():
+    parameters = {
+        "rate_drift": {"mean": 0.0189, "sd": 0.0017},
+        "clock_offset[1]": {"mean": -2.0, "sd": 0.1},
+        "zero_point[0]": {"mean": 0.1, "sd": 0.03},
+        "albedo_area[0]": {"mean": 2.0, "sd": 0.1},
+    }
+    head, drift, clock = measured_faults(parameters)
+    assert head.startswith("small faults")
+    assert "changes by 1.9 ± 0.2 %; a pass with late times would look the same" in drift
+    assert "clock_offset[1] is -2 ± 0.1 s" in clock
+    assert measured_faults({"rate_drift": {"mean": 0.001, "sd": 0.0017}}) == []
