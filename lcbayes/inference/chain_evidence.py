@@ -252,10 +252,10 @@ def _sampled(
     top = np.asarray(ends.state.z)[np.isfinite(ends.state.potential)]
     state = search.best_first(search.polish(plain, data, top, stages.workers))
     found = solutions.distinct(plain, data, state, order, len(state.z))
-    again = found[0].hits
+    hits = found[0].hits
     if stages.moves(plain, data) is not None:  # which lead from one arrangement to another
-        again = int(np.sum(state.potential < state.potential[0] + ALIKE))
-    if not ends.complete and again < 2:
+        hits = int(np.sum(state.potential < state.potential[0] + ALIKE))
+    if not ends.complete and hits < 2:
         raise Doubtful("only one start ended at the best solution")
     if (mirror := stages.mirror(plain, data)) is not None:
         found = solutions.with_images(plain, data, found, mirror, order)

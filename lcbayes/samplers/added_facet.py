@@ -96,8 +96,7 @@ def _with_one_more(
         new = jnp.array(len(facets.log_area) - 1)
         conditional = place.conditional(facets, new, _none(facets))
         drawn = place.drawn(key_drawn, conditional, new, facets)
-        which, key_split = jax.random.split(key_split)
-        divided = _divided(which, key_split, facets)
+        divided = _divided(key_split, facets)
         normal, log_area = jax.tree.map(
             partial(jnp.where, jax.random.bernoulli(key_which)),
             (drawn.normal, drawn.log_area),
@@ -108,11 +107,12 @@ def _with_one_more(
     return jax.lax.map(one, (keys, rows))
 
 
-def _divided(key_which: jax.Array, key: jax.Array, facets: Facets) -> tuple[jax.Array, jax.Array]:
+def _divided(key: jax.Array, facets: Facets) -> tuple[jax.Array, jax.Array]:
     """Normals and ln(area) with one of the facets divided, its second part being the last."""
+    key_which, key_split = jax.random.split(key)
     last = len(facets.log_area) - 1
     j = jax.random.randint(key_which, (), 0, last)
-    parts, *_ = facet_pairs.drawn_split(key, facets.normal[j], facets.log_area[j])
+    parts, *_ = facet_pairs.drawn_split(key_split, facets.normal[j], facets.log_area[j])
     both = jnp.stack([j, jnp.array(last)])
     return facets.normal.at[both].set(parts[0]), facets.log_area.at[both].set(parts[1])
 
@@ -152,21 +152,19 @@ def _log_drawn(
 def _log_divided(smaller: Problem, data: Epochs, free: Sites, facets: Facets) -> jax.Array:
     """ln of the density of bodies of which one facet was divided.
 
-    The volume of a division is that of `Place.rearranged`, and u is uniform. Each pair of facets
-    counts twice, because either part may be the added facet.
+    It is the mean over unordered pairs: whichever part was added, the density is the same.
     """
     number = len(facets.log_area)
 
     def merged(pair: jax.Array) -> jax.Array:
         i, j = pair
         one, u, angle = facet_pairs.merged(facets.normal[pair], facets.log_area[pair])
-        volume = jnp.log(u * (1.0 - u)) - jnp.log(jnp.sin(angle)) + facet_pairs.log_angle(angle)
         length = jnp.linalg.norm(free[NORMALS][j])
         host = free | {
             NORMALS: free[NORMALS].at[j].set(length * one[0]),
             AREAS: free[AREAS].at[j].set(one[1]),
         }
-        log_q = volume + _log_length(free[NORMALS][i])
+        log_q = facet_pairs.log_split(u, angle) + _log_length(free[NORMALS][i])
         return log_q - smaller.potential(_left(host, i), data)
 
     pairs = np.stack(np.triu_indices(number, 1), axis=1)

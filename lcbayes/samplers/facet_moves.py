@@ -403,7 +403,7 @@ class Place:
 
         A facet of area α and normal n becomes facets of areas uα and (1 − u)α at angles (1 − u)θ
         and uθ from n on opposite sides; u is uniform and the displacement θ has a normal density of
-        one of `WIDTHS`. The volume dΩᵢ dΩⱼ dln αᵢ dln αⱼ is sin θ/(u(1 − u)) dθ dψ du dΩ dln α.
+        one of `facet_pairs.WIDTHS`.
         """
         key_pair, key_which, key_split, key_draw = jax.random.split(key, 4)
         number = len(facets.log_area)
@@ -423,8 +423,8 @@ class Place:
         moved = _where(merging, merged, facets.replaced(both, self.facets(*parts)))
         # The facet elsewhere is drawn by a merger, and given up by a split.
         log_q = self.log_q(given, i, _where(merging, merged, facets)) - np.log(CELL)
-        volume = jnp.log(u * (1.0 - u)) - jnp.log(jnp.sin(angle)) + facet_pairs.log_angle(angle)
-        log_ratio = jnp.where(merging, volume - log_q, log_q - volume)
+        log_split = facet_pairs.log_split(u, angle)
+        log_ratio = jnp.where(merging, log_split - log_q, log_q - log_split)
         log_back = jnp.where(merging, moved.log_weak_pair, moved.log_close)
         return moved, log_ratio + log_back[i, j] - log_pair[i, j]
 
@@ -432,7 +432,7 @@ class Place:
         """Two facets with another share u of their area in the first.
 
         The sum of their areas, its centre and the second moment m = u(1 − u)θ² about it remain, so
-        that the brightness hardly changes. The volume of `rearranged` is sin θ/[2θ u²(1 − u)²]
+        that the brightness hardly changes. The volume of `log_split` is sin θ/[2θ u²(1 − u)²]
         dm dψ du dΩ dln α, and u is uniform.
         """
         key_pair, key_share = jax.random.split(key)

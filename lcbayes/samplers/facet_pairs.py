@@ -61,6 +61,14 @@ def log_angle(angle: jax.Array) -> jax.Array:
     return jnp.where(angle < jnp.pi, density, jnp.inf)
 
 
+def log_split(u: jax.Array, angle: jax.Array) -> jax.Array:
+    """ln of the density of the parts of a split facet over that of the facet, dΩ dln α each.
+
+    The volume dΩᵢ dΩⱼ dln αᵢ dln αⱼ is sin θ/(u(1 − u)) dθ dψ du dΩ dln α, and u is uniform.
+    """
+    return jnp.log(u * (1.0 - u)) - jnp.log(jnp.sin(angle)) + log_angle(angle)
+
+
 def log_exchange(u: jax.Array, angle: jax.Array) -> jax.Array:
     """ln of the volume sin θ/[2θ u²(1 − u)²] of an exchange, to a constant; none for θ above π,
     which `between` cannot undo."""

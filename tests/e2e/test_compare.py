@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -44,6 +44,13 @@ SHORT_RUN = (
     "--sparse",
     "2",
 )
+FEW: dict[str, Any] = {
+    "n_facets": (1, 2),
+    "spin": "none",
+    "num_particles": 12,
+    "num_runs": 2,
+    "num_starts": 8,
+}
 
 
 @pytest.fixture(scope="module")
@@ -164,14 +171,7 @@ def test_a_superfluous_facet_is_weighed_against_one_fewer(result):
 @pytest.mark.slow
 def test_chains_that_are_doubted_give_way_to_particles(monkeypatch):
     monkeypatch.setattr(chain_evidence, "MAX_SE", -1.0)
-    compared = lcbayes.compare(
-        small_curves.curve(16),
-        n_facets=(1, 2),
-        spin="none",
-        num_particles=12,
-        num_runs=2,
-        num_starts=8,
-    )
+    compared = lcbayes.compare(small_curves.curve(16), **FEW)
     for row in compared.content["candidates"]:
         assert row["evidence_from"] == "particles"
         assert row["chains_doubted"].startswith("the bridges are uncertain by")
@@ -274,14 +274,6 @@ def test_a_search_that_fails_does_not_rule_out_more_facets_than_fit(monkeypatch)
 
     monkeypatch.setattr(facet_count, "_best_fit", poor_for_two)
     monkeypatch.setattr(screening, "largest_likelihood", lambda _p, _d, z, *_: (-1e4, z[0]))
-    compared = lcbayes.compare(
-        small_curves.curve(16),
-        n_facets=(1, 2),
-        spin="none",
-        num_particles=12,
-        num_runs=2,
-        num_starts=8,
-        evidence="particles",
-    )
+    compared = lcbayes.compare(small_curves.curve(16), evidence="particles", **FEW)
     assert sorted(compared.probability) == [1, 2]
     assert compared.probability[2] > 0.0
