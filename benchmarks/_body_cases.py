@@ -33,6 +33,7 @@ class Case:
         Body to inertial at the first epoch.
     turns : over the time base
     body : KnownBody
+    surface : parameters of materials that the body's file leaves open, by the names of the model
     """
 
     curve: LightCurve
@@ -40,6 +41,7 @@ class Case:
     attitude: np.ndarray
     turns: float
     body: KnownBody
+    surface: dict[str, float]
 
 
 def drawn(body: str, spin: str, seed: int, snr: float = 30.0, passes: int = 2) -> Case:
@@ -80,7 +82,8 @@ def drawn(body: str, spin: str, seed: int, snr: float = 30.0, passes: int = 2) -
         kind="flux",
         free_scale=np.array([False]),
     )
-    return Case(curve, omega, attitude, rate * t[-1] / (2.0 * np.pi), file.body)
+    surface = {f"{m}_{k}": values[m][k] for m, priors in file.priors.items() for k in priors}
+    return Case(curve, omega, attitude, rate * t[-1] / (2.0 * np.pi), file.body, surface)
 
 
 def _from(prior: Prior, rng: np.random.Generator) -> float:

@@ -10,8 +10,9 @@ The search covers all motions that the prior allows. It succeeds if the best end
 10 degrees and its rate within half a turn over the time base of the truth. With --without-shadows,
 the body that is fitted has none. χ² of the best end point, or the largest shift of any combination
 of parameters by the shadows computed there, shows whether that is noticed. With --fit, each curve
-is then fitted by `lcbayes.fit`. One row a case is appended to bodies.csv in DIR; cases that are
-there are not repeated.
+is fitted by `lcbayes.fit` instead: is it trusted, is the motion right, and which of rate, pole and
+surface lie outside their 90 % intervals in the solution of weight above 5 % whose ω is closest to
+the truth? One row a case is appended to bodies.csv in DIR; cases that are there are not repeated.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from typing import Any
 
 import numpy as np
 from _body_cases import Case, drawn
-from _scores import share
+from _scores import direction_within, encoded, pooled, share, within
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
@@ -46,6 +47,7 @@ TOLERANCE = 0.5  # nats
 NOTICED = 0.01  # p-value of χ²
 WORKERS = 2
 COLUMNS = (
+    "task",
     "body",
     "spin",
     "seed",
@@ -61,6 +63,8 @@ COLUMNS = (
     "trusted",
     "reasons",
     "right_inside",
+    "outside",
+    "quantities",
     "fit_s",
 )
 
@@ -126,19 +130,28 @@ def _right(case: Case, omega: np.ndarray) -> bool:
 
 
 def fitted(case: Case, given: dict[str, object]) -> dict[str, object]:
-    """The verdict of `lcbayes.fit`, and whether a solution of weight above 5 % is right."""
+    """The verdict of `lcbayes.fit`, and what the solution closest to the truth says."""
     begun = time.monotonic()
     result = lcbayes.fit(case.curve, model="body", seed=1, **given)
-    inside = [
-        _right(case, np.asarray(result.data[f"modes/{i}/posterior/omega"]).reshape(-1, 3).mean(0))
-        for i, mode in enumerate(result.content["modes"])
-        if mode["weight"] > 0.05
-    ]
+    took = time.monotonic() - begun
+    solutions = []
+    for i, mode in enumerate(result.content["modes"]):
+        if mode["weight"] > 0.05:
+            posterior = result.data[f"modes/{i}/posterior"]
+            omega = np.asarray(posterior["omega"]).reshape(-1, 3)
+            solutions.append((float(np.linalg.norm(omega.mean(0) - case.omega)), omega, posterior))
+    _, omega, posterior = min(solutions, key=lambda one: one[0])
+    inside = {"rate": within(np.linalg.norm(omega, axis=1), float(np.linalg.norm(case.omega)))}
+    inside |= {f"pole {k}": held for k, held in direction_within(omega, case.omega).items()}
+    for name, true in case.surface.items():
+        inside[name] = within(np.asarray(posterior[name]).ravel(), true)
     return {
         "trusted": result.trusted,
         "reasons": " ".join(reason.code for reason in result.reasons),
-        "right_inside": any(inside),
-        "fit_s": time.monotonic() - begun,
+        "right_inside": _right(case, omega.mean(0)),
+        "outside": encoded(inside),
+        "quantities": len(inside),
+        "fit_s": took,
     }
 
 
@@ -158,6 +171,7 @@ def main() -> None:
     path = args.out / "bodies.csv"
     rows = list(csv.DictReader(path.open(encoding="utf-8"))) if path.exists() else []
     about = {
+        "task": "fit" if args.fit else "search",
         "body": args.body,
         "spin": args.spin,
         "passes": args.passes,
@@ -169,9 +183,8 @@ def main() -> None:
     given = {"body": args.body, "spin": args.spin, "shadows": not args.without_shadows}
     for seed in sorted({*range(args.first, args.first + args.cases)} - known):
         case = drawn(args.body, args.spin, seed, args.snr, args.passes)
-        row = about | {"seed": seed, "turns": case.turns} | searched(case, given)
-        if args.fit:
-            row |= fitted(case, given)
+        row = about | {"seed": seed, "turns": case.turns}
+        row |= fitted(case, given) if args.fit else searched(case, given)
         new = not path.exists()
         with path.open("a", encoding="utf-8", newline="") as file:
             writer = csv.DictWriter(file, COLUMNS)
@@ -181,6 +194,14 @@ def main() -> None:
         print(row, flush=True)
         rows.append({k: str(v) for k, v in row.items()})
     mine = [r for r in rows if [r[k] for k in about] == key]
+    if args.fit:
+        verdicts(mine)
+    else:
+        searches(mine)
+
+
+def searches(mine: list[dict[str, str]]) -> None:
+    """What the searches find, and whether shadows that are left out are noticed."""
     for name, hits in (
         ("right motion", [r["right"] == "True" for r in mine]),
         ("best not above the truth", [float(r["nats_above_truth"]) <= TOLERANCE for r in mine]),
@@ -188,6 +209,21 @@ def main() -> None:
         ("shadows left out matter", [float(r["shift_sd"]) > MAX_SHIFT for r in mine]),
     ):
         print(f"{name}: {sum(hits)} of {len(hits)} ({share(sum(hits), len(hits))})")
+
+
+def verdicts(fits: list[dict[str, str]]) -> None:
+    """What the fits say: trusted, and of these right, inside and outside."""
+    trusted = [r for r in fits if r["trusted"] == "True"]
+    print(f"trusted: {len(trusted)} of {len(fits)} ({share(len(trusted), len(fits))})")
+    right = sum(r["right_inside"] == "True" for r in trusted)
+    print(f"motion right, of trusted: {right} ({share(right, len(trusted))})")
+    counts = np.array([float(r["quantities"]) for r in trusted])
+    out = np.array([len([q for q in r["outside"].split(";") if q]) for r in trusted], float)
+    print(f"inside 90 %, of trusted: {counts.sum() - out.sum():.0f} of {counts.sum():.0f}", end=" ")
+    print(f"({pooled(counts - out, counts)})")
+    for row in fits:
+        if row["trusted"] != "True":
+            print(f"refused: {row['seed']}: {row['reasons']}")
 
 
 if __name__ == "__main__":

@@ -183,7 +183,8 @@ class KnownBody:
     @cached_property
     def symmetry(self) -> Symmetry:
         """The rotations and reflections under which the brightness does not change."""
-        return symmetry_of(self)
+        with jax.ensure_compile_time_eval():  # numbers, also while a function of it is traced
+            return symmetry_of(self)
 
 
 @dataclass(frozen=True)

@@ -76,6 +76,18 @@ def test_shadows_of_the_model_or_of_a_lone_part_are_not_left_out():
     assert body.shadows_left_out([{}], data, body=lone) is None
 
 
+def test_shadows_of_a_symmetric_body_are_found_for_a_free_spin():
+    """The body's symmetry is first asked for while the shadows are traced."""
+    read_body_text.cache_clear()
+    entry, data = registry.find("body"), Epochs.of(curve(shaded_flux(), 30.0))
+    options = entry.check({"body": "rocket-stage", "spin": "free"})
+    problem = Problem(entry.bind(options), data)
+    result, sites = left_out(problem, data, options, np.full(problem.dim, 0.1))
+    assert np.all(result <= 1e-12)
+    assert np.all(sites["flux"] + result[0] >= -1e-12)
+    assert result.min() < 0.0
+
+
 @pytest.mark.slow
 def test_shadows_are_named_and_their_shift_is_that_of_a_refit():
     noise = np.random.default_rng(3).standard_normal(T.size)
