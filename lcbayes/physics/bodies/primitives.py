@@ -21,7 +21,7 @@ from lcbayes.physics.bodies.solids import Solid, flat_solid, vector_area
 Floats = NDArray[np.float64]
 
 GOLDEN = (1.0 + np.sqrt(5.0)) / 2.0
-OUTLINE = 32  # sides of a round end and of the solid that casts a round part's shadow
+OUTLINES = (16, 32)  # sides of a round end and of the solid that casts a round part's shadow
 STRIPS = 64  # around the axis, each with one shadow, which are enough for `division.TOLERANCE`
 
 
@@ -71,6 +71,15 @@ class Panels(NamedTuple):
         return made + rest, np.concatenate(whose)
 
 
+def outline(tolerance: float) -> int:
+    """Sides of the polygon that stands for a circle, of `OUTLINES`.
+
+    A regular polygon of the circle's area is within (2π/n)²/24 of its radius along the sides.
+    """
+    fine = [n for n in OUTLINES if (2.0 * np.pi / n) ** 2 / 24.0 <= tolerance]
+    return fine[0] if fine else OUTLINES[-1]
+
+
 def flat(polygons: list[Floats], sides: tuple[str, ...]) -> Panels:
     """Panels that are the polygons themselves, without solids."""
     vectors = np.array([vector_area(p) for p in polygons])
@@ -109,8 +118,12 @@ def plate(x: float, y: float) -> Panels:
     return made._replace(solids=[flat_solid(corners)])
 
 
-def frustum(radius: float, radius_top: float, length: float, n: int) -> Panels:
+def frustum(
+    radius: float, radius_top: float, length: float, n: int, ends_of: int = OUTLINES[-1]
+) -> Panels:
     """A closed frustum about z, its base at the origin and its top, which may be a point, above.
+
+    Its ends, and the solid that casts its shadow, have ``ends_of`` sides.
 
     A panel of the side is 1/n of it: area π (r₀ + r₁) √(h² + (r₀ − r₁)²) / n, normal
     (h cos φ, h sin φ, r₀ − r₁) / √(h² + (r₀ − r₁)²) at the azimuth φ of its middle.
@@ -127,8 +140,8 @@ def frustum(radius: float, radius_top: float, length: float, n: int) -> Panels:
     normals = np.column_stack([length * across, np.full(n, slant)]) / height
     u_axes = np.column_stack([-slant * across, np.full(n, length)]) / height
     areas = np.full(n, np.pi * (radius + radius_top) * height / n)
-    ends = [_ring(radius, 0.0, OUTLINE)[::-1]]
-    ends += [_ring(radius_top, length, OUTLINE)] if radius_top > 0.0 else []
+    ends = [_ring(radius, 0.0, ends_of)[::-1]]
+    ends += [_ring(radius_top, length, ends_of)] if radius_top > 0.0 else []
     end_normals = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]])[: len(ends)]
     end_areas = np.pi * np.array([radius, radius_top])[: len(ends)] ** 2
     return Panels(
@@ -137,7 +150,7 @@ def frustum(radius: float, radius_top: float, length: float, n: int) -> Panels:
         np.concatenate([areas, end_areas]),
         np.concatenate([u_axes, np.tile([1.0, 0.0, 0.0], (len(ends), 1))]),
         ("side",) * n + ("end",) * len(ends),
-        [_frustum_solid(radius, radius_top, length)],
+        [_frustum_solid(radius, radius_top, length, ends_of)],
         shared=n // STRIPS if n % STRIPS == 0 else 1,
     )
 
@@ -150,8 +163,7 @@ def _ring(radius: float, z: float, n: int) -> Floats:
     return np.stack([r * np.cos(angle), r * np.sin(angle), np.full(n, z)], axis=1)
 
 
-def _frustum_solid(radius: float, radius_top: float, length: float) -> Solid:
-    n = OUTLINE
+def _frustum_solid(radius: float, radius_top: float, length: float, n: int) -> Solid:
     i = np.arange(n)
     j = np.roll(i, -1)
     base = _ring(radius, 0.0, n)
@@ -162,14 +174,14 @@ def _frustum_solid(radius: float, radius_top: float, length: float) -> Solid:
     return Solid(np.concatenate([base, _ring(radius_top, length, n)]), faces)
 
 
-def cone(radius: float, length: float, n: int) -> Panels:
+def cone(radius: float, length: float, n: int, ends_of: int = OUTLINES[-1]) -> Panels:
     """A cone about z, its base at the origin and its apex above."""
-    return frustum(radius, 0.0, length, n)
+    return frustum(radius, 0.0, length, n, ends_of)
 
 
-def cylinder(radius: float, length: float, n: int) -> Panels:
+def cylinder(radius: float, length: float, n: int, ends_of: int = OUTLINES[-1]) -> Panels:
     """A closed cylinder about z, its centre at the origin."""
-    made = frustum(radius, radius, length, n)
+    made = frustum(radius, radius, length, n, ends_of)
     return moved(made, np.eye(3), np.array([0.0, 0.0, -0.5 * length]))
 
 
@@ -301,20 +313,24 @@ def moved(panels: Panels, rotation: Floats, position: Floats) -> Panels:
 
 
 class Kind(NamedTuple):
-    """A kind of part: how it is made, its lengths in the order of `make`, and its sides."""
+    """A kind of part: how it is made, its lengths in the order of `make`, and its sides.
+
+    If ``round_ends``, `make` takes the number of their sides.
+    """
 
     make: Callable[..., Panels]
     sizes: tuple[str, ...]
     sides: tuple[str, ...] = ("side",)
     curved: bool = True
+    round_ends: bool = False
 
 
 KINDS: dict[str, Kind] = {
     "box": Kind(box, ("x", "y", "z"), curved=False),
     "plate": Kind(plate, ("x", "y"), ("front", "back"), curved=False),
-    "cylinder": Kind(cylinder, ("radius", "length"), ("side", "end")),
-    "cone": Kind(cone, ("radius", "length"), ("side", "end")),
-    "frustum": Kind(frustum, ("radius", "radius_top", "length"), ("side", "end")),
+    "cylinder": Kind(cylinder, ("radius", "length"), ("side", "end"), round_ends=True),
+    "cone": Kind(cone, ("radius", "length"), ("side", "end"), round_ends=True),
+    "frustum": Kind(frustum, ("radius", "radius_top", "length"), ("side", "end"), round_ends=True),
     "sphere": Kind(sphere, ("radius",)),
     "ellipsoid": Kind(ellipsoid, ("x", "y", "z")),
     "dish": Kind(dish, ("radius", "depth"), ("front", "back")),

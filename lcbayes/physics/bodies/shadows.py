@@ -34,7 +34,7 @@ from jax.custom_derivatives import SymbolicZero
 from numpy.typing import ArrayLike, NDArray
 
 from lcbayes.core.jax_setup import jax, jnp
-from lcbayes.physics.bodies.solids import Edges, Solid, above, edges, vector_area
+from lcbayes.physics.bodies.solids import Edges, Solid, above, edges, entered, vector_area
 
 Floats = NDArray[np.float64]
 
@@ -122,12 +122,10 @@ def shadows(
     for i, polygon in enumerate(polygons):
         vector = vector_area(polygon)
         normal = vector / np.linalg.norm(vector)
-        cut = [
-            above(solid, polygon[0], normal)
-            for solid, whose in zip(solids, owner, strict=True)
-            if whose != part[i]
-        ]
-        before = [edges(solid) for solid in cut if solid is not None]
+        others = [solid for solid, whose in zip(solids, owner, strict=True) if whose != part[i]]
+        cut = [above(solid, polygon[0], normal) for solid in others]
+        met = [entered(solid, polygon) for solid in cut if solid is not None]
+        before = [edges(solid) for solid in met if solid is not None]
         if before:
             receivers.append(_Receiver(i, polygon, int(part[i]), before))
             tests += _tests(*_size(receivers[-1]))

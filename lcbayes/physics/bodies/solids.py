@@ -94,6 +94,42 @@ def above(solid: Solid, point: ArrayLike, normal: ArrayLike) -> Solid | None:
     return _joined([*kept, *([lid] if len(lid) >= 3 else [])], tolerance)
 
 
+def entered(solid: Solid, polygon: ArrayLike) -> Solid | None:
+    """What of a solid light meets first on its way to a convex polygon (k, 3) outside.
+
+    A ray to a point of the polygon enters a convex solid by a face that this point lies in front
+    of, or on which it lies. If that can only be one face, its shadow on the polygon is that of the
+    solid. None where it can be none.
+    """
+    corners = np.asarray(polygon, float)
+    tolerance = FLAT * float(np.ptp(solid.vertices, axis=0).max())
+    front = []
+    for face, normal in zip(solid.faces, normals(solid), strict=True):
+        ring = solid.vertices[face]
+        height = (corners - ring[0]) @ normal
+        touches = np.abs(height).max() <= tolerance and _overlap(ring, corners, normal, tolerance)
+        if height.max() > tolerance or touches:
+            front.append(ring)
+    if not front:
+        return None
+    return flat_solid(front[0]) if len(front) == 1 else solid
+
+
+def _overlap(a: Floats, b: Floats, normal: Floats, tolerance: float) -> bool:
+    """Whether two convex polygons (k, 3) in one plane have common points inside.
+
+    If not, a line along an edge of one of them separates them (Gottschalk et al. 1996, SIGGRAPH,
+    171).
+    """
+    across = np.cross(normal, np.concatenate([np.roll(x, -1, axis=0) - x for x in (a, b)]))
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    along = [x @ across.T for x in (a, b)]
+    gap = np.maximum(
+        along[0].min(axis=0) - along[1].max(axis=0), along[1].min(axis=0) - along[0].max(axis=0)
+    )
+    return bool(gap.max() < -tolerance)
+
+
 def _cut(polygon: Floats, height: Floats) -> Floats:
     """The part of a convex polygon whose heights are not negative."""
     corners = []

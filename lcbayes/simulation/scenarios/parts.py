@@ -13,7 +13,7 @@ from lcbayes.core.toml import REQUIRED, Table
 from lcbayes.physics.bodies import division
 from lcbayes.physics.bodies.mesh import read_mesh
 from lcbayes.physics.bodies.parts import Assembly, Part, rotation_by, rotation_to
-from lcbayes.physics.bodies.primitives import KINDS, Kind, Panels, moved
+from lcbayes.physics.bodies.primitives import KINDS, Kind, Panels, moved, outline
 from lcbayes.physics.bodies.shapes import LARGEST_M, SMALLEST_M
 from lcbayes.simulation.scenarios.body import LONGEST, Material
 
@@ -103,8 +103,11 @@ def _divided(
     if not shape.curved:
         return shape.make(*sizes.values()), 0.0
     surfaces = {side: (materials[m].law, materials[m].parameters) for side, m in own.items()}
+    make = partial(shape.make, *sizes.values())
+    if shape.round_ends:
+        make = partial(make, ends_of=outline(tolerance))
     try:
-        return division.divide(partial(shape.make, *sizes.values()), surfaces, tolerance)
+        return division.divide(make, surfaces, tolerance)
     except division.TooManyPanels as fault:
         raise table.fault(
             None,

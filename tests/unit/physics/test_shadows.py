@@ -13,17 +13,17 @@ from lcbayes.physics.bodies import shadows
 from lcbayes.physics.bodies.parts import Assembly
 from lcbayes.physics.bodies.primitives import box
 from lcbayes.physics.bodies.shadow_points import points_on
-from lcbayes.physics.bodies.solids import Solid, above, edges, flat_solid, normals
+from lcbayes.physics.bodies.solids import Solid, above, edges, entered, flat_solid, normals
 from lcbayes.simulation.simulate import body_flux
 from tests.helpers import shaded_bodies as shaded
 
 WITHIN = 1e-3  # of the largest flux
 POINTS = {"wings": 10_000, "l-shape": 10_000, "stage": 10_000, "dish": 10_000, "mesh": 2_500}
-METHODS = {"wings": "exact", "l-shape": "exact", "stage": "points", "dish": "points"}
+METHODS = {"wings": "exact", "l-shape": "exact", "stage": "exact", "dish": "points"}
 SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], float)
 
 
-def _compare(name, folder, count, seed, tolerance):
+def _compare(name, folder, count, seed, tolerance, within=WITHIN):
     scenario = shaded.scenario(name, folder, tolerance)
     assert scenario.parts is not None
     assert scenario.parts.method == METHODS.get(name, "points")
@@ -32,12 +32,17 @@ def _compare(name, folder, count, seed, tolerance):
     rays = shaded.cast_flux(name, sun, obs, POINTS[name])
     whole = shaded.flux(scenario, sun, obs, shaded=False)
     assert np.max(whole - rays) > 50 * WITHIN * rays.max()  # else there is nothing to see
-    assert np.max(np.abs(ours - rays)) < WITHIN * rays.max()
+    assert np.max(np.abs(ours - rays)) < within * rays.max()
 
 
 @pytest.mark.parametrize("name", list(shaded.TEXTS))
 def test_flux_is_that_of_rays(name, tmp_path):
     _compare(name, tmp_path, 30, 1, 1e-3)
+
+
+def test_flux_of_coarse_outlines_is_that_of_rays(tmp_path):
+    """Where a circle has 16 sides."""
+    _compare("stage", tmp_path, 100, 5, 1e-2, within=5e-3)
 
 
 @pytest.mark.slow
@@ -58,9 +63,9 @@ def _of_rotation(scenario, sun, obs):
     return flux
 
 
-@pytest.mark.parametrize("name", ["wings", "l-shape"])
+@pytest.mark.parametrize("name", ["wings", "l-shape", "stage"])
 def test_gradients_are_differences(name, tmp_path):
-    scenario = shaded.scenario(name, tmp_path)
+    scenario = shaded.scenario(name, tmp_path, 1e-2)
     sun, obs = shaded.attitudes(40, 3)
     flux = jax.jit(jax.vmap(lambda s, o, v: _of_rotation(scenario, s, o)(v)))
     slope = jax.jit(
@@ -78,7 +83,7 @@ def test_gradients_are_differences(name, tmp_path):
         sizes.append(np.abs(near).max())
         assert np.abs(np.asarray(slope)[smooth, axis] - near[smooth]).max() < 2e-5
     assert compared > 100
-    assert min(sizes) > 0.1
+    assert min(sizes) > 0.05
 
 
 def test_the_second_derivative_is_a_difference_of_gradients(tmp_path):
@@ -197,6 +202,26 @@ def test_a_solid_above_a_plane():
     outward = normals(corner) @ (corner.vertices.mean(axis=0))
     firsts = np.array([corner.vertices[f[0]] for f in corner.faces])
     assert np.all(np.sum(normals(corner) * firsts, axis=1) > outward)
+
+
+def test_light_meets_one_face_of_a_solid_or_several():
+    cube = box(2.0, 2.0, 2.0).solids[0]
+    over = entered(cube, SQUARE + np.array([0, 0, 3.0]))
+    assert over is not None
+    assert len(over.faces) == 2  # of a flat polygon
+    assert np.all(over.vertices[:, 2] == 1.0)
+    assert entered(cube, SQUARE + np.array([0.5, 0, 3.0])) is cube  # beyond an edge: two faces
+    flush = entered(cube, SQUARE + np.array([0.5, 0.5, 1.0]))  # partly on a face
+    assert flush is cube
+    flush = entered(cube, 0.5 * SQUARE + np.array([0, 0, 1.0]))
+    assert flush is not None
+    assert np.all(flush.vertices[:, 2] == 1.0)
+    beside = entered(
+        cube, SQUARE + np.array([1.0, 0, 1.0])
+    )  # in the plane of a face, but not on it
+    assert beside is not None
+    assert np.all(beside.vertices[:, 0] == 1.0)
+    assert entered(cube, 0.5 * SQUARE) is None  # inside
 
 
 def test_slots_hold_one_edge_of_the_outline_at_most():
