@@ -42,7 +42,7 @@ Floats = NDArray[np.float64]
 # edges coincide, as those of shadows of one panel do where it stands on the polygon.
 NUDGE = 1e-10
 GRAZING = 1e-9  # a polygon whose cosine of incidence or of view is below this counts as dark
-MOST_TESTS = 1 << 21  # of edges against edges at once
+MOST_TESTS = 1 << 18  # of edges against edges at once, in arrays that remain in cache
 UNROLLED = 12  # edges of a polygon; longer loops are not written out
 
 

@@ -216,9 +216,7 @@ def test_light_meets_one_face_of_a_solid_or_several():
     flush = entered(cube, 0.5 * SQUARE + np.array([0, 0, 1.0]))
     assert flush is not None
     assert np.all(flush.vertices[:, 2] == 1.0)
-    beside = entered(
-        cube, SQUARE + np.array([1.0, 0, 1.0])
-    )  # in the plane of a face, but not on it
+    beside = entered(cube, SQUARE + np.array([1.0, 0, 1.0]))  # in its plane
     assert beside is not None
     assert np.all(beside.vertices[:, 0] == 1.0)
     assert entered(cube, 0.5 * SQUARE) is None  # inside
