@@ -43,7 +43,7 @@ Floats = NDArray[np.float64]
 NUDGE = 1e-10
 GRAZING = 1e-9  # a polygon whose cosine of incidence or of view is below this counts as dark
 MOST_TESTS = 1 << 18  # of edges against edges at once, in arrays that remain in cache
-UNROLLED = 12  # edges of a polygon; longer loops are not written out
+UNROLLED = 64  # edges; a loop of 32 was wrong where XLA optimises little
 
 
 class Group(NamedTuple):
