@@ -34,6 +34,13 @@ from jax.custom_derivatives import SymbolicZero
 from numpy.typing import ArrayLike, NDArray
 
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.physics.bodies.intervals import (
+    Ends,
+    Points,
+    in_polygons,
+    in_rectangle,
+    without_union,
+)
 from lcbayes.physics.bodies.solids import Edges, Solid, above, edges, entered, vector_area
 
 Floats = NDArray[np.float64]
@@ -43,7 +50,6 @@ Floats = NDArray[np.float64]
 NUDGE = 1e-10
 GRAZING = 1e-9  # a polygon whose cosine of incidence or of view is below this counts as dark
 MOST_TESTS = 1 << 18  # of edges against edges at once, in arrays that remain in cache
-UNROLLED = 64  # edges; a loop of 32 was wrong where XLA optimises little
 
 
 class Group(NamedTuple):
@@ -277,10 +283,6 @@ def _in_blocks(group: Group, sun: jax.Array, obs: jax.Array) -> jax.Array:
     return jnp.moveaxis(fractions, 0, 2).reshape(*group.index.T.shape, -1)[..., :epochs]
 
 
-type Points = tuple[jax.Array, jax.Array]  # x and y
-type Ends = tuple[Points, Points]  # of edges
-
-
 def _fraction(group: Group, sun: jax.Array, obs: jax.Array) -> jax.Array:
     """(S, R, T)"""
     sides = group.index.shape[1]
@@ -383,34 +385,19 @@ def _area_and_parts(
     sides = (x[:, 1:-1], y[:, 1:-1]), (x[:, 2:], y[:, 2:])
     # an outline without edges is that of a panel seen edge-on, which hides nothing
     there = jnp.any((start[0] != end[0]) | (start[1] != end[1]), axis=2)
-    into, out = _intervals(_at(sides, (whole, None)), _at(outlines, (whole, None)))
-    of_sides, _ = _parts(into, jnp.where(there[:, None, None], out, -1.0))
+    into, out = in_polygons(_at(sides, (whole, None)), _at(outlines, (whole, None)))
+    of_sides, _ = without_union(into, jnp.where(there[:, None, None], out, -1.0))
     if rectangles:
-        low, high = _within(outlines, (x[:, None, None, 2], y[:, None, None, 2]))
+        low, high = in_rectangle(outlines, (x[:, None, None, 2], y[:, None, None, 2]))
     else:
         around = corners, (jnp.roll(x, -1, axis=1), jnp.roll(y, -1, axis=1))
-        low, high = _intervals(outlines, _at(around, (whole, None, None)))
+        low, high = in_polygons(outlines, _at(around, (whole, None, None)))
         low, high = low[:, :, :, 0], high[:, :, :, 0]
-    into, out = _intervals(outlines, _at(outlines, (whole, other)))
-    parts = _parts(into, jnp.where(there[:, other][:, :, None], out, -1.0), low, high)
+    into, out = in_polygons(outlines, _at(outlines, (whole, other)))
+    parts = without_union(into, jnp.where(there[:, other][:, :, None], out, -1.0), low, high)
     area = jnp.sum(_cross(*sides) * of_sides[:, 0], axis=1)
     area = 0.5 * (area - jnp.sum(_cross(start, end) * parts[0], axis=(1, 2)))
     return area, parts
-
-
-def _within(ends: Ends, far: Points) -> tuple[jax.Array, jax.Array]:
-    """Where edges (R, J, E, T) enter a rectangle from the origin to a far corner, and leave it."""
-    low, high = 0.0, 1.0
-    for a, b, size in zip(*ends, far, strict=True):
-        change = b - a
-        level = change == 0.0
-        change = jnp.where(level, 1.0, change)
-        beside = jnp.where((a < 0.0) | (a > size), 2.0, -1.0)
-        one = jnp.where(level, beside, -a / change)
-        other = jnp.where(level, 2.0, (size - a) / change)
-        low = jnp.maximum(low, jnp.minimum(one, other))
-        high = jnp.minimum(high, jnp.maximum(one, other))
-    return low, high  # pyright: ignore[reportReturnType]
 
 
 def _at(ends: Ends, where: Any) -> Ends:
@@ -419,80 +406,3 @@ def _at(ends: Ends, where: Any) -> Ends:
 
 def _cross(a: Points, b: Points) -> jax.Array:
     return a[0] * b[1] - a[1] * b[0]
-
-
-def _intervals(edges_: Ends, polygons: Ends) -> tuple[jax.Array, jax.Array]:
-    """Where edges enter convex polygons and leave them, as shares of the edge.
-
-    Parameters
-    ----------
-    edges_ : (R, A, M, T)
-    polygons : (R, A or 1, J, E, T)
-        The polygon lies on the left of its edges; an edge without length is on neither side.
-
-    Returns
-    -------
-    into, out : (R, A, M, J, T)
-        In [0, 1], but for into ≥ out where an edge misses the polygon.
-    """
-    (sx, sy), (ex, ey) = (tuple(x[:, :, :, None] for x in points) for points in edges_)
-    (px, py), (qx, qy) = polygons
-    dx, dy = qx - px, qy - py
-    level_at = dx * py - dy * px
-
-    def halved(interval, half_plane):
-        into, out = interval
-        x, y, c = half_plane
-        before = x * sy - y * sx - c
-        after = x * ey - y * ex - c
-        change = after - before
-        at = -before / jnp.where(change == 0.0, 1.0, change)
-        into = jnp.maximum(into, jnp.where(change > 0.0, at, 0.0))
-        beyond = jnp.where((change == 0.0) & (before < 0.0), -1.0, 1.0)
-        return into, jnp.minimum(out, jnp.where(change < 0.0, at, beyond))
-
-    half_planes = [z[:, :, None] for z in (dx, dy, level_at)]  # (R, A, 1, J, E, T)
-    count = px.shape[3]
-    if count <= UNROLLED:
-        ends = jnp.zeros(()), jnp.ones(())
-        for e in range(count):
-            ends = halved(ends, tuple(z[..., e, :] for z in half_planes))
-    else:
-        shape = jnp.broadcast_shapes(sx.shape, half_planes[0][..., 0, :].shape)
-        ends, _ = jax.lax.scan(
-            lambda interval, half_plane: (halved(interval, half_plane), None),
-            (jnp.zeros(shape), jnp.ones(shape)),
-            tuple(jnp.moveaxis(z, 4, 0) for z in half_planes),
-        )
-    return jax.lax.optimization_barrier(ends)  # else computed again by each that needs it
-
-
-def _parts(
-    into: jax.Array, out: jax.Array, low: jax.Array | float = 0.0, high: jax.Array | float = 1.0
-) -> tuple[jax.Array, jax.Array]:
-    """∫dt and ∫t dt over [low, high] without the union of the intervals along axis 3."""
-    count = into.shape[3]
-    pairs = [
-        (jnp.maximum(into[:, :, :, j], low), jnp.minimum(out[:, :, :, j], high))
-        for j in range(count)
-    ]
-    pairs = [(jnp.where(b > a, a, 2.0), jnp.where(b > a, b, 2.0)) for a, b in pairs]
-    if count == 2:
-        (a, b), (c, d) = pairs
-        pairs = [
-            (jnp.minimum(a, c), jnp.where(a <= c, b, d)),
-            (jnp.maximum(a, c), jnp.where(a <= c, d, b)),
-        ]
-    elif count > 2:
-        a, b = (jnp.stack(x, axis=3) for x in zip(*pairs, strict=True))
-        a, b = jax.lax.sort((a, b), dimension=3, num_keys=1)
-        pairs = [(a[:, :, :, j], b[:, :, :, j]) for j in range(count)]
-    length = jnp.maximum(high - low, 0.0)
-    moment = 0.5 * length * (high + low)
-    reached = -1.0
-    for a, b in pairs:
-        a = jnp.maximum(a, reached)
-        covered = jnp.maximum(b - a, 0.0)
-        length, moment = length - covered, moment - 0.5 * covered * (a + b)
-        reached = jnp.maximum(reached, b)
-    return length, moment

@@ -9,7 +9,7 @@ import pytest
 
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.physics.attitude import rotations
-from lcbayes.physics.bodies import shadows
+from lcbayes.physics.bodies import intervals, shadows
 from lcbayes.physics.bodies.parts import Assembly
 from lcbayes.physics.bodies.primitives import box
 from lcbayes.physics.bodies.shadow_points import points_on
@@ -63,8 +63,9 @@ def _of_rotation(scenario, sun, obs):
     return flux
 
 
-@pytest.mark.parametrize("name", ["wings", "l-shape", "stage"])
-def test_gradients_are_differences(name, tmp_path):
+@pytest.mark.parametrize(("name", "axes"), [("wings", 3), ("l-shape", 3), ("stage", 2)])
+def test_gradients_are_differences(name, axes, tmp_path):
+    """By rotations about x, y and z; the stage is symmetric about z."""
     scenario = shaded.scenario(name, tmp_path, 1e-2)
     sun, obs = shaded.attitudes(40, 3)
     flux = jax.jit(jax.vmap(lambda s, o, v: _of_rotation(scenario, s, o)(v)))
@@ -83,7 +84,7 @@ def test_gradients_are_differences(name, tmp_path):
         sizes.append(np.abs(near).max())
         assert np.abs(np.asarray(slope)[smooth, axis] - near[smooth]).max() < 2e-5
     assert compared > 100
-    assert min(sizes) > 0.05
+    assert min(sizes[:axes]) > 0.1
 
 
 def test_the_second_derivative_is_a_difference_of_gradients(tmp_path):
@@ -246,6 +247,6 @@ def test_blocks_of_epochs_give_the_same(tmp_path, monkeypatch):
     sun, obs = map(jnp.asarray, shaded.attitudes(50, 7))
     whole = np.asarray(jax.jit(lambda s, o: parts.lit_and_seen(s, o))(sun, obs))
     monkeypatch.setattr(shadows, "MOST_TESTS", 3000)  # blocks of 8 or 15 epochs
-    monkeypatch.setattr(shadows, "UNROLLED", 2)  # loops that are not written out
+    monkeypatch.setattr(intervals, "UNROLLED", 2)  # loops that are not written out
     result = np.asarray(jax.jit(lambda s, o: parts.lit_and_seen(s, o))(sun, obs))
     np.testing.assert_allclose(result, whole, rtol=0, atol=1e-12)
