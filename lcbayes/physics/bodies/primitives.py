@@ -21,7 +21,7 @@ from lcbayes.physics.bodies.solids import Solid, flat_solid, vector_area
 Floats = NDArray[np.float64]
 
 GOLDEN = (1.0 + np.sqrt(5.0)) / 2.0
-OUTLINES = (16, 32)  # sides of a round end and of the solid that casts a round part's shadow
+CIRCLE_SIDES = (16, 32)  # sides of a round end and of the solid that casts a round part's shadow
 STRIPS = 64  # around the axis, each with one shadow, which are enough for `division.TOLERANCE`
 
 
@@ -71,13 +71,13 @@ class Panels(NamedTuple):
         return made + rest, np.concatenate(whose)
 
 
-def outline(tolerance: float) -> int:
-    """Sides of the polygon that stands for a circle, of `OUTLINES`.
+def circle_sides(tolerance: float) -> int:
+    """Sides of the polygon that stands for a circle, of `CIRCLE_SIDES`.
 
     A regular polygon of the circle's area is within (2π/n)²/24 of its radius along the sides.
     """
-    fine = [n for n in OUTLINES if (2.0 * np.pi / n) ** 2 / 24.0 <= tolerance]
-    return fine[0] if fine else OUTLINES[-1]
+    fine = (n for n in CIRCLE_SIDES if (2.0 * np.pi / n) ** 2 / 24.0 <= tolerance)
+    return next(fine, CIRCLE_SIDES[-1])
 
 
 def flat(polygons: list[Floats], sides: tuple[str, ...]) -> Panels:
@@ -119,11 +119,11 @@ def plate(x: float, y: float) -> Panels:
 
 
 def frustum(
-    radius: float, radius_top: float, length: float, n: int, ends_of: int = OUTLINES[-1]
+    radius: float, radius_top: float, length: float, n: int, end_sides: int = CIRCLE_SIDES[-1]
 ) -> Panels:
     """A closed frustum about z, its base at the origin and its top, which may be a point, above.
 
-    Its ends, and the solid that casts its shadow, have ``ends_of`` sides.
+    Its ends, and the solid that casts its shadow, have ``end_sides`` sides.
 
     A panel of the side is 1/n of it: area π (r₀ + r₁) √(h² + (r₀ − r₁)²) / n, normal
     (h cos φ, h sin φ, r₀ − r₁) / √(h² + (r₀ − r₁)²) at the azimuth φ of its middle.
@@ -140,8 +140,8 @@ def frustum(
     normals = np.column_stack([length * across, np.full(n, slant)]) / height
     u_axes = np.column_stack([-slant * across, np.full(n, length)]) / height
     areas = np.full(n, np.pi * (radius + radius_top) * height / n)
-    ends = [_ring(radius, 0.0, ends_of)[::-1]]
-    ends += [_ring(radius_top, length, ends_of)] if radius_top > 0.0 else []
+    ends = [_ring(radius, 0.0, end_sides)[::-1]]
+    ends += [_ring(radius_top, length, end_sides)] if radius_top > 0.0 else []
     end_normals = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]])[: len(ends)]
     end_areas = np.pi * np.array([radius, radius_top])[: len(ends)] ** 2
     return Panels(
@@ -150,7 +150,7 @@ def frustum(
         np.concatenate([areas, end_areas]),
         np.concatenate([u_axes, np.tile([1.0, 0.0, 0.0], (len(ends), 1))]),
         ("side",) * n + ("end",) * len(ends),
-        [_frustum_solid(radius, radius_top, length, ends_of)],
+        [_frustum_solid(radius, radius_top, length, end_sides)],
         shared=n // STRIPS if n % STRIPS == 0 else 1,
     )
 
@@ -174,14 +174,14 @@ def _frustum_solid(radius: float, radius_top: float, length: float, n: int) -> S
     return Solid(np.concatenate([base, _ring(radius_top, length, n)]), faces)
 
 
-def cone(radius: float, length: float, n: int, ends_of: int = OUTLINES[-1]) -> Panels:
+def cone(radius: float, length: float, n: int, end_sides: int = CIRCLE_SIDES[-1]) -> Panels:
     """A cone about z, its base at the origin and its apex above."""
-    return frustum(radius, 0.0, length, n, ends_of)
+    return frustum(radius, 0.0, length, n, end_sides)
 
 
-def cylinder(radius: float, length: float, n: int, ends_of: int = OUTLINES[-1]) -> Panels:
+def cylinder(radius: float, length: float, n: int, end_sides: int = CIRCLE_SIDES[-1]) -> Panels:
     """A closed cylinder about z, its centre at the origin."""
-    made = frustum(radius, radius, length, n, ends_of)
+    made = frustum(radius, radius, length, n, end_sides)
     return moved(made, np.eye(3), np.array([0.0, 0.0, -0.5 * length]))
 
 

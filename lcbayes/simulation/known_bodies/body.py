@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.physics.bodies.parts import Assembly
 from lcbayes.physics.bodies.primitive_flux import Primitive, body_flux
-from lcbayes.physics.bodies.primitives import OUTLINES
+from lcbayes.physics.bodies.primitives import CIRCLE_SIDES
 from lcbayes.physics.reflectance import LAWS
 from lcbayes.simulation.scenarios.body import Material
 from lcbayes.simulation.simulate import body_flux as panels_flux
@@ -209,7 +209,7 @@ class Symmetry:
     reflections: Floats
 
 
-ANGLES = tuple(2.0 * np.pi * k / OUTLINES[0] for k in (3, 7))  # about an axis of symmetry, rad
+ANGLES = tuple(2.0 * np.pi * k / CIRCLE_SIDES[0] for k in (3, 7))  # about an axis of symmetry, rad
 PROBES = 48  # pairs of directions
 SLACK = 4.0  # of the largest difference over the tolerance of curved parts
 EXACT = 1e-6  # largest difference for flat parts, over the largest flux or extent

@@ -13,7 +13,7 @@ from lcbayes.core.toml import REQUIRED, Table
 from lcbayes.physics.bodies import division
 from lcbayes.physics.bodies.mesh import read_mesh
 from lcbayes.physics.bodies.parts import Assembly, Part, rotation_by, rotation_to
-from lcbayes.physics.bodies.primitives import KINDS, Kind, Panels, moved, outline
+from lcbayes.physics.bodies.primitives import KINDS, Kind, Panels, circle_sides, moved
 from lcbayes.physics.bodies.shapes import LARGEST_M, SMALLEST_M
 from lcbayes.simulation.scenarios.body import LONGEST, Material
 
@@ -105,7 +105,7 @@ def _divided(
     surfaces = {side: (materials[m].law, materials[m].parameters) for side, m in own.items()}
     make = partial(shape.make, *sizes.values())
     if shape.round_ends:
-        make = partial(make, ends_of=outline(tolerance))
+        make = partial(make, end_sides=circle_sides(tolerance))
     try:
         return division.divide(make, surfaces, tolerance)
     except division.TooManyPanels as fault:
