@@ -169,8 +169,8 @@ class Assembly:
 
         For points, the largest difference from four times as many in `_PROBES` random pairs of
         directions; they are as many as make it less than the tolerance, or `MOST_POINTS`. 0 where
-        shadows are exact, but that a circle has `primitives.circle_sides` sides, and that panels of a
-        round part share the shadows of `primitives.STRIPS` strips.
+        shadows are exact, but that a circle has `primitives.circle_sides` sides, and
+        panels of a round part share the shadows of `primitives.STRIPS` strips.
         """
         return self._sampled[1]
 

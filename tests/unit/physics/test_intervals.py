@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lcbayes.core.jax_setup import jnp
-from lcbayes.physics.bodies.intervals import in_polygons, in_rectangle
+from lcbayes.physics.bodies.intervals import Ends, in_polygons, in_rectangle
 
 TURNS = np.random.default_rng(11).uniform(0.0, 2.0 * np.pi, 40)
 
@@ -16,9 +16,10 @@ def turned(points: np.ndarray, angle: float) -> np.ndarray:
     return points @ np.array([[c, s], [-s, c]])
 
 
-def ends(start: np.ndarray, end: np.ndarray, *shape: int):
+def ends(start: np.ndarray, end: np.ndarray, *shape: int) -> Ends:
     """Ends (N, 2) in arrays of a shape."""
-    return tuple(tuple(jnp.asarray(x[:, k]).reshape(shape) for k in (0, 1)) for x in (start, end))
+    ax, ay, bx, by = (jnp.asarray(x[:, k]).reshape(shape) for x in (start, end) for k in (0, 1))
+    return (ax, ay), (bx, by)
 
 
 def lengths(angle: float, start: np.ndarray, end: np.ndarray, polygon: np.ndarray) -> np.ndarray:
