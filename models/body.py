@@ -22,7 +22,7 @@ from lcbayes.inference.spin_search.allowed import Allowed
 from lcbayes.modelling import body_motion, likelihood, nuisances
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.known_spin import MIN_BISECTOR, KnownSpin, RatePrior
-from lcbayes.modelling.problem import TRACING, Problem
+from lcbayes.modelling.problem import LIT, OBS, SUN, TRACING, Problem
 from lcbayes.modelling.spin_coordinates import rate_and_direction
 from lcbayes.physics import photometry
 from lcbayes.simulation.known_bodies.body import KnownBody
@@ -38,6 +38,7 @@ SUMMARY = "a body of known parts, constant rate: attitude, omega, surface, scale
 
 STILL_DEG = 15.0  # of the bisector, from its mean, below which the turn about it is a coordinate
 SLOW_SHADOWS = 5.0  # times as long, from which on the search has none
+DEAR_SHADOWS = 20.0  # times as long, from which on chains follow fixed ones
 ROUGH = 0.02  # tolerance of the body of such a search
 # during the search for solutions
 POOLED = {"zero_point_spread": 0.0, "clock_sd": 0.0, "rate_drift_sd": 0.0}
@@ -111,10 +112,22 @@ def model(
     size = _size(jnp.sum(albedo_area), scale_sd) if data.calibrated and scale_sd else jnp.ones(())
     numpyro.deterministic("albedo_area", size * albedo_area)
 
+    sun, obs = turned(data.t)
+    numpyro.deterministic(SUN, sun)
+    numpyro.deterministic(OBS, obs)
+    lit = data.visible
+    if lit is None and shadows:
+        lit = known.assembly.lit_and_seen(sun, obs)
+        if lit is not None:
+            numpyro.deterministic(LIT, lit)
+
     def seen(t):
         return size * known.flux(*turned(t), values, shadows, sizes, data.visible)
 
-    mean = (photometry.exposed(seen, data.exposure_s) if data.has_exposure else seen)(data.t)
+    if data.has_exposure:
+        mean = photometry.exposed(seen, data.exposure_s)(data.t)
+    else:
+        mean = size * known.flux(sun, obs, values, shadows, sizes, lit)
     zero_point = nuisances.ZeroPointPrior(zero_point_sd, zero_point_spread)
     likelihood.observe(data, mean, noise_law, scatter, False, zero_point, correlated_noise)
 
@@ -320,7 +333,7 @@ def search(problem, data: Epochs, options, workers: int, progress, checkpoint=No
         ends = phases.with_shadows(simple, apart, ends, images, workers, progress)
     ends = phases.followed(simple, apart, ends, workers, progress)
     joined = turns.starts(simple, apart, ends, allowed, data)
-    held = guide(problem, data, **options | POOLED)
+    held = held_shadows(problem, data, **options | POOLED)
     if exact or held is None:
         return turns.optimised(problem, data, joined, workers, progress), coverage
     simple = Problem(partial(model, **options | POOLED | rough), data)
@@ -350,6 +363,13 @@ def _start(start: phases.Start, file: BodyFile, surface: Surface, options, unit:
 
 
 def guide(problem, data: Epochs, **options):
+    """`held_shadows` where a gradient with moving shadows takes many times as long, else None."""
+    file = read_body_text(options["body"], options.get("tolerance") or None)
+    dear = file.body.assembly.shadow_cost > DEAR_SHADOWS
+    return held_shadows(problem, data, **options) if dear else None
+
+
+def held_shadows(problem, data: Epochs, **options):
     """Optimum (D,) -> epochs whose shadows are those of the optimum, whatever the motion.
 
     The posterior with fixed shadows is similar to that with moving ones about the optimum, and as

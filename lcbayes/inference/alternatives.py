@@ -99,7 +99,7 @@ def alternatives(
     if spin > 0.0:
         candidates += _drift(problem, z, data, spin)
         candidates += [] if kinds else _nutation(problem, z, data, sites)
-    if "sun_body" in sites and not kinds:
+    if {"sun_body", "normals"} <= sites.keys() and not kinds:
         candidates += [*_lobes(sites), *_further_facet(sites), *_notches(sites)]
         candidates += _laws(flux, sites)
     candidates = [one for one in candidates if not kinds or one.name in kinds]

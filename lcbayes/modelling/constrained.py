@@ -14,12 +14,12 @@ from lcbayes.geometry.spherical import unwrapped
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import FLUX, OUTLIER
 from lcbayes.modelling.nutation import RESPONSE
-from lcbayes.modelling.problem import Problem, Sites
+from lcbayes.modelling.problem import LIT, OBS, SUN, Problem, Sites
 from lcbayes.modelling.variables import reported
 
 Floats = NDArray[np.float64]
 
-PER_EPOCH = ("expected", FLUX, OUTLIER, "sun_body", "obs_body", RESPONSE)
+PER_EPOCH = ("expected", FLUX, OUTLIER, SUN, OBS, LIT, RESPONSE)
 ROWS = 256  # draws together
 CIRCLES = {"phi": 2 * np.pi, "pole_lon_deg": 360.0}
 

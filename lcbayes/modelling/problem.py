@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from functools import partial, wraps
 from threading import RLock
 from typing import Any, NamedTuple
@@ -27,6 +28,7 @@ from lcbayes.modelling.priors import UniformDirection
 Sites = dict[str, jax.Array]
 
 SUN, OBS = "sun_body", "obs_body"  # sites: directions in body axes
+LIT = "lit_and_seen"  # site: what shadows leave of each panel, which depends on these alone
 
 TRACING = RLock()
 """To be held by whoever enters a NumPyro handler: they lie on one stack for all threads. Models run
@@ -122,7 +124,8 @@ class Problem:
         moving = _reaching(lambda free: self._flux(free, data), template)
         turning = _reaching(lambda free: self._turned(free, data), template)
         facets = [(k,) for k in moving if k not in turning]
-        self._body = [g for g in (*facets, tuple(k for k in moving if k in turning)) if g]
+        self._turning = tuple(k for k in moving if k in turning)
+        self._body = [g for g in (*facets, self._turning) if g]
         widths = _reaching(
             lambda free: self._conditions(data, {}, free, self._flux(free, data)).sd, template
         )
@@ -291,7 +294,7 @@ class Problem:
         """
         sites = self.constrain(z, data)
         faults = drawn_jointly(sites, jax.random.fold_in(key, 1))
-        changed = {}
+        changed = {FLUX: sites[FLUX]}  # not computed again
         if faults.nutation is not None:
             each = jnp.sum(faults.nutation[data.night].T * sites[RESPONSE], axis=0)
             changed = {FLUX: sites[FLUX] + data.sunlight * each}
@@ -313,19 +316,21 @@ class Problem:
 
         The flux dominates the cost. It is therefore differentiated only along the sites on which it
         depends: along those that turn the body together, because they share the derivatives of the
-        attitude, and along each other one alone, for which the attitude has none. The derivatives
-        of the scale and noise of each curve cost little.
+        attitude, and along each other one alone, for which the attitude has none, and shadows are
+        given. The derivatives of the scale and noise of each curve cost little.
         """
         free = self.unravel(z)
         trace, _ = self._trace(free, data)
         weights = [_weights(v) for v in trace.values() if _is_condition(v)]
         w, v = (jnp.concatenate(x) for x in zip(*weights, strict=True))
         basis = jax.vmap(self.unravel)(jnp.eye(self.dim))
-        flux = self._flux(free, data)
+        flux = trace[FLUX]["value"]
+        still = replace(data, visible=trace[LIT]["value"]) if LIT in trace else data
         parts = [jnp.zeros((self._still.size, flux.size))]
         for group in self._body:
             some = {name: free[name] for name in group}
-            along = jax.jacfwd(lambda x: self._flux({**free, **x}, data))(some)
+            given = data if group == self._turning else still
+            along = jax.jacfwd(lambda x, given=given: self._flux({**free, **x}, given))(some)
             parts += [along[name].reshape(flux.size, -1).T for name in group]
         change = jnp.concatenate(parts)[self._body_order]
         held = _response(trace)  # its change with the parameters is of second order
@@ -336,7 +341,7 @@ class Problem:
         moments, push_on = jax.linearize(conditions, {k: free[k] for k in self._direct}, flux)
         mean, sd = jax.vmap(push_on)({k: basis[k] for k in self._direct}, change)
         mean = mean * (jnp.sqrt(w) / moments.sd)
-        information = mean @ mean.T + self.prior_precision(z, data)
+        information = mean @ mean.T + self.prior_precision(z, still)
         if self._knows_errors:
             return information
         sd = sd * (jnp.sqrt(2 * v) / moments.sd)

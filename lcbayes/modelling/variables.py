@@ -15,6 +15,7 @@ CARRIERS = frozenset(
         "flux",
         "sun_body",
         "obs_body",
+        "lit_and_seen",
         "log_level",
         "noise_unit",
         "tilt_unit",

@@ -15,22 +15,6 @@ type Points = tuple[jax.Array, jax.Array]  # x and y
 type Ends = tuple[Points, Points]  # of edges
 
 PARALLEL = 1e-12  # sine of the angle, and length over distance from the origin, that count as zero
-UNROLLED = 12  # edges of a polygon; longer loops are not written out
-
-
-def in_rectangle(ends: Ends, far: Points) -> tuple[jax.Array, jax.Array]:
-    """Where edges (R, J, E, T) enter a rectangle from the origin to a far corner, and leave it."""
-    low, high = 0.0, 1.0
-    for a, b, size in zip(*ends, far, strict=True):
-        change = b - a
-        level = jnp.abs(change) <= PARALLEL * (jnp.abs(a) + jnp.abs(b) + size)
-        change = jnp.where(level, 1.0, change)
-        beside = jnp.where((a + b < 0.0) | (a + b > 2.0 * size), 2.0, -1.0)
-        one = jnp.where(level, beside, -a / change)
-        other = jnp.where(level, 2.0, (size - a) / change)
-        low = jnp.maximum(low, jnp.minimum(one, other))
-        high = jnp.minimum(high, jnp.maximum(one, other))
-    return low, high  # pyright: ignore[reportReturnType]
 
 
 def in_polygons(edges: Ends, polygons: Ends) -> tuple[jax.Array, jax.Array]:
@@ -68,18 +52,12 @@ def in_polygons(edges: Ends, polygons: Ends) -> tuple[jax.Array, jax.Array]:
         return into, jnp.minimum(out, jnp.where((change < 0.0) & ~level, at, beyond))
 
     half_planes = [z[:, :, None] for z in (dx, dy, dx * py - dy * px, length)]  # (R, A, 1, J, E, T)
-    count = px.shape[3]
-    if count <= UNROLLED:
-        ends = jnp.zeros(()), jnp.ones(())
-        for e in range(count):
-            ends = halved(ends, tuple(z[..., e, :] for z in half_planes))
-    else:
-        shape = jnp.broadcast_shapes(sx.shape, half_planes[0][..., 0, :].shape)
-        ends, _ = jax.lax.scan(
-            lambda interval, half_plane: (halved(interval, half_plane), None),
-            (jnp.zeros(shape), jnp.ones(shape)),
-            tuple(jnp.moveaxis(z, 4, 0) for z in half_planes),
-        )
+    shape = jnp.broadcast_shapes(sx.shape, half_planes[0][..., 0, :].shape)
+    ends, _ = jax.lax.scan(
+        lambda interval, half_plane: (halved(interval, half_plane), None),
+        (jnp.zeros(shape), jnp.ones(shape)),
+        tuple(jnp.moveaxis(z, 4, 0) for z in half_planes),
+    )
     return jax.lax.optimization_barrier(ends)  # else computed again by each that needs it
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lcbayes.core.jax_setup import jax, jnp
-from lcbayes.physics.bodies import shadows
+from lcbayes.physics.bodies import shadow_area, shadows
 from lcbayes.physics.bodies.division import TOLERANCE
 from lcbayes.physics.bodies.primitives import Panels
 from lcbayes.physics.bodies.shadow_points import POINTS, Points, points_on
@@ -209,7 +209,8 @@ class Assembly:
             return None
         if self.groups:
             polygons, whose = self._receivers
-            return shadows.lit_and_seen(self.groups, len(polygons), sun_body, obs_body)[:, whose]
+            args = self.groups, len(polygons), sun_body, obs_body
+            return shadow_area.lit_and_seen(*args)[:, whose]
         assert self.points is not None
         shape = jax.ShapeDtypeStruct((sun_body.shape[0], len(self.polygons)), jnp.float64)
         return jax.pure_callback(

@@ -62,7 +62,7 @@ class Points:
 
     def lit_and_seen(self, sun: ArrayLike, obs: ArrayLike) -> Floats:
         """Fraction of each polygon that nothing shades and nothing hides, (T, N); see
-        `shadows.lit_and_seen`."""
+        `shadow_area.lit_and_seen`."""
         count = len(self.normals)
         directions = np.asarray(sun, float), np.asarray(obs, float)
         fraction = np.ones((len(directions[0]), count))

@@ -77,7 +77,7 @@ def problem_and_guide(text: str):
     options = entry.check({"body": text, "clock_sd": 0.0, "rate_drift_sd": 0.0})
     problem = Problem(entry.bind(options), data)
     z = np.random.default_rng(2).normal(size=problem.dim)
-    return problem, data, z, body.guide(problem, data, **options)
+    return problem, data, z, body.held_shadows(problem, data, **options)
 
 
 def test_the_guide_is_the_density_at_its_optimum_and_similar_nearby() -> None:
@@ -94,10 +94,24 @@ def test_the_guide_is_the_density_at_its_optimum_and_similar_nearby() -> None:
     assert followed == pytest.approx(exact, rel=0.3)
 
 
-def test_chains_follow_a_guide_where_parts_shade_one_another() -> None:
-    for shadows, name in ((True, "guided"), (False, "nuts")):
-        problem, data, _, guide = problem_and_guide(bar(shadows))
-        assert (guide is None) == (not shadows)
+def test_expected_information_is_that_of_differences() -> None:
+    """The reflectances are varied while the shadows of the attitude are held."""
+    problem, data, z, _ = problem_and_guide(bar(shadows=True))
+    moments, h = compiled(problem.moments), 1e-6
+    up, down = (
+        [np.asarray(moments(z + s * h * e, data).mean) for e in np.eye(problem.dim)] for s in (1, -1)
+    )
+    jacobian = (np.array(up) - np.array(down)) / (2.0 * h * np.asarray(moments(z, data).sd))
+    right = jacobian @ jacobian.T + np.asarray(compiled(problem.prior_precision)(z, data))
+    result = np.asarray(compiled(problem.fisher)(z, data))
+    np.testing.assert_allclose(result, right, rtol=1e-5, atol=1e-6 * np.abs(right).max())
+
+
+def test_chains_follow_a_guide_where_shadows_are_dear(monkeypatch) -> None:
+    for shadows, dear, name in ((True, 1.0, "guided"), (True, 20.0, "nuts"), (False, 1.0, "nuts")):
+        monkeypatch.setattr(body, "DEAR_SHADOWS", dear)
+        problem, data, _, held = problem_and_guide(bar(shadows))
+        assert (held is None) == (not shadows)
         stages = Stages.of(
             problem,
             registry.find("body"),

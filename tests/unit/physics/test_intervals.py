@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lcbayes.core.jax_setup import jnp
-from lcbayes.physics.bodies.intervals import Ends, in_polygons, in_rectangle
+from lcbayes.physics.bodies.intervals import Ends, in_polygons
 
 TURNS = np.random.default_rng(11).uniform(0.0, 2.0 * np.pi, 40)
 
@@ -53,15 +53,6 @@ def test_edges_across_are_cut_where_they_cross():
     start, end = np.array([[-1.0, 0.5], [0.5, 0.5]]), np.array([[1.0, 0.5], [0.5, 3.0]])
     for angle in TURNS:
         np.testing.assert_allclose(lengths(angle, start, end, SQUARE), [0.5, 0.2], atol=1e-14)
-
-
-@pytest.mark.parametrize("rounding", [0.0, 1e-17, -1e-17])
-@pytest.mark.parametrize(("at", "share"), [(0.5, 1.0), (1e-9, 1.0), (-1e-9, 0.0), (2.0, 0.0)])
-def test_an_edge_along_a_side_of_a_rectangle(at, share, rounding):
-    start, end = np.array([[0.2, at]]), np.array([[0.7, at + rounding]])
-    far = (jnp.ones((1, 1, 1, 1)), jnp.ones((1, 1, 1, 1)))
-    low, high = in_rectangle(ends(start, end, 1, 1, 1, 1), far)
-    assert float(np.clip(high - low, 0.0, 1.0).ravel()[0]) == pytest.approx(share, abs=1e-12)
 
 
 @pytest.mark.parametrize("height", [1e-3, 1e-6, 1e-9])

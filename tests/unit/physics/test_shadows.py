@@ -9,7 +9,7 @@ import pytest
 
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.physics.attitude import rotations
-from lcbayes.physics.bodies import intervals, shadows
+from lcbayes.physics.bodies import shadow_area, shadows
 from lcbayes.physics.bodies.parts import Assembly
 from lcbayes.physics.bodies.primitives import box
 from lcbayes.physics.bodies.shadow_points import points_on
@@ -162,7 +162,7 @@ def test_shadows_of_several_solids_are_not_counted_twice():
     groups = shadows.shadows([SQUARE], [0], [flat_solid(w) for w in walls], [1, 2, 3])
     assert groups
     covered = 0.3 + 0.5 * 0.4 - 0.5 * 0.1 + 0.05
-    result = float(shadows.lit_and_seen(groups, 1, up, up)[0, 0])
+    result = float(shadow_area.lit_and_seen(groups, 1, up, up)[0, 0])
     assert result == pytest.approx(1.0 - covered, abs=1e-8)
 
 
@@ -184,7 +184,7 @@ def test_a_panel_seen_edge_on_hides_nothing():
     for (i, j), right in pairs.items():
         sun, obs = (np.array([[up, low, steep, away][k]]) for k in (i, j))
         sun, obs = (jnp.asarray(v / np.linalg.norm(v)) for v in (sun, obs))
-        result = float(shadows.lit_and_seen(groups, 1, sun, obs)[0, 0])
+        result = float(shadow_area.lit_and_seen(groups, 1, sun, obs)[0, 0])
         assert result == pytest.approx(right, abs=1e-8)
 
 
@@ -241,12 +241,36 @@ def _wedge() -> Solid:
     return made
 
 
-def test_blocks_of_epochs_give_the_same(tmp_path, monkeypatch):
-    parts = shaded.scenario("wings", tmp_path).parts
+@pytest.mark.parametrize("name", ["wings", "stage"])
+def test_some_at_a_time_and_batches_give_the_same(name, tmp_path, monkeypatch):
+    parts = shaded.scenario(name, tmp_path, 1e-2).parts
     assert parts is not None
     sun, obs = map(jnp.asarray, shaded.attitudes(50, 7))
-    whole = np.asarray(jax.jit(lambda s, o: parts.lit_and_seen(s, o))(sun, obs))
-    monkeypatch.setattr(shadows, "MOST_TESTS", 3000)  # blocks of 8 or 15 epochs
-    monkeypatch.setattr(intervals, "UNROLLED", 2)  # loops that are not written out
-    result = np.asarray(jax.jit(lambda s, o: parts.lit_and_seen(s, o))(sun, obs))
-    np.testing.assert_allclose(result, whole, rtol=0, atol=1e-12)
+    whole = np.asarray(parts.lit_and_seen(sun, obs))
+    alone = jax.vmap(lambda s, o: parts.lit_and_seen(s[None], o[None])[0])
+    np.testing.assert_allclose(np.asarray(alone(sun, obs)), whole, rtol=0, atol=1e-12)
+    one = np.asarray(jax.vmap(lambda s: parts.lit_and_seen(s[None], obs[:1])[0])(sun))
+    both = np.asarray(parts.lit_and_seen(sun, jnp.tile(obs[:1], (50, 1))))
+    np.testing.assert_allclose(one, both, rtol=0, atol=1e-12)
+    monkeypatch.setattr(shadow_area, "MOST_TESTS", 1)
+    monkeypatch.setattr(shadow_area, "FEWEST", 7)  # as many pairs at once
+    some = np.asarray(parts.lit_and_seen(sun[:49], obs[:49]))  # another size is traced again
+    np.testing.assert_allclose(some, whole[:49], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["wings", "l-shape", "stage"])
+def test_what_is_in_shadow_is_never_left_out(name, tmp_path, monkeypatch):
+    """The polygons that spheres keep, against all that face both directions."""
+    parts = shaded.scenario(name, tmp_path, 1e-2).parts
+    assert parts is not None
+    sun, obs = map(jnp.asarray, shaded.attitudes(301, 8))
+    kept = np.asarray(parts.lit_and_seen(sun, obs))
+
+    def facing(group, *directions):
+        cosines = [jnp.einsum("jr,tj->rt", group.frame[2], d) for d in directions]
+        return jnp.minimum(*cosines) > shadow_area.GRAZING
+
+    monkeypatch.setattr(shadow_area, "_may_be_shaded", facing)
+    jax.clear_caches()
+    np.testing.assert_allclose(kept, np.asarray(parts.lit_and_seen(sun, obs)), rtol=0, atol=1e-12)
+    jax.clear_caches()
