@@ -98,9 +98,8 @@ def test_expected_information_is_that_of_differences() -> None:
     """The reflectances are varied while the shadows of the attitude are held."""
     problem, data, z, _ = problem_and_guide(bar(shadows=True))
     moments, h = compiled(problem.moments), 1e-6
-    up, down = (
-        [np.asarray(moments(z + s * h * e, data).mean) for e in np.eye(problem.dim)] for s in (1, -1)
-    )
+    steps = h * np.eye(problem.dim)
+    up, down = ([np.asarray(moments(z + s * e, data).mean) for e in steps] for s in (1, -1))
     jacobian = (np.array(up) - np.array(down)) / (2.0 * h * np.asarray(moments(z, data).sd))
     right = jacobian @ jacobian.T + np.asarray(compiled(problem.prior_precision)(z, data))
     result = np.asarray(compiled(problem.fisher)(z, data))
