@@ -16,7 +16,7 @@ import lcbayes
 from lcbayes.cli import main
 from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE, InputError
 from lcbayes.simulation.scenarios import bundled
-from lcbayes.tasks.look.advice import SPIN_S, advise, fit_cost
+from lcbayes.tasks.look.advice import BODY_EPOCH_S, BODY_S, SPIN_S, advise, fit_cost
 from tests.helpers.low_earth_orbit import spinner, steady
 
 RESULTS = {"summary.json", "report.html", "run.toml", "figures", "tables", ".lock"}
@@ -104,7 +104,11 @@ def test_the_figures_in_python():
     result = lcbayes.look(steady(3, 50.0, spinning=True))
     for draw in ("light_curve", "phase_angle", "periodogram", "folded"):
         assert getattr(result, f"plot_{draw}")().axes
-    assert set(result.summary().columns) == {"command", "answers", "suits", "why", "cost_s"}
+    table = result.summary()
+    assert set(table.columns) == {"command", "answers", "suits", "why", "cost_s"}
+    known = table[table.command.str.contains("--model body")]
+    assert known.suits.tolist() == [True]
+    assert known.cost_s.tolist() == [BODY_S + BODY_EPOCH_S * result.curve.n_obs]
 
 
 def test_a_peak_of_which_no_pass_holds_six_cycles_is_not_folded(tmp_path, monkeypatch):
@@ -136,6 +140,7 @@ def test_a_period_that_is_not_accurate_enough_for_an_asteroid_is_scanned_first()
     scan, fit = [line for line in commands(1e8) if " scan" in line]
     assert scan.startswith("lcbayes scan")
     assert "--model convex-grid --start-from scan -o out" in fit
+    assert not any("--model body" in line for line in commands(1e8))
     assert any("--model convex-grid --period 0.0" in line for line in commands(5.0))
 
 

@@ -21,11 +21,14 @@ START_S = 40.0  # tracing, compiling and search of a fit
 SPIN_S = 60.0  # of the search of a spin in addition
 GRADIENTS = 150_000  # of a fit: 4 chains of 950 draws with some 40 gradients each
 GRADIENT_S = 5e-9  # per epoch and facet, one core
+BODY_S = 250.0  # of the search for the motion of a body of known parts
+BODY_EPOCH_S = 2.0  # of the chains, for each epoch
 SCAN_STEP_S = 1.5e-8  # per epoch and facet of a step of a hypothesis
 SCAN_POLES, SCAN_STEPS, SCAN_FACETS = 12, 20, 150  # of the screening of a period
 COST = (
     f"rough, on one core: {START_S:.0f} s to compile and search, and for a fit "
-    f"{GRADIENTS / 1000:.0f} thousand gradients of {GRADIENT_S * 1e9:.0f} ns per epoch and facet; "
+    f"{GRADIENTS / 1000:.0f} thousand gradients of {GRADIENT_S * 1e9:.0f} ns per epoch and facet, "
+    f"or, of a body of known parts, {BODY_S:.0f} s and {BODY_EPOCH_S:.0f} s per epoch; "
     "a spin often has several solutions, each of which costs as much again, and a body that the "
     "model does not describe may take many times longer"
 )
@@ -86,6 +89,7 @@ def advise(curve: LightCurve, facts: dict[str, Any], candidates: Candidates | No
         _scan,
         _asteroid,
         _faceted,
+        _known_body,
         _stabilised,
         _attitude_test,
         _shape_match,
@@ -250,6 +254,28 @@ def _faceted(known: Known) -> Iterator[Advice]:
     cost = 2 * sum(search + fit_cost(curve.n_obs, n) for n in range(1, 5))
     words[1] = "1-4"
     yield _advice(known, suits, "the number of facets", why, need, cost, "compare", *words)
+
+
+def _known_body(known: Known) -> Iterator[Advice]:
+    if known.asteroid:
+        return
+    suits = known.varies and known.facts["span_s"] <= SHORT_S
+    why = f"{known.facts['span_s'] / HOUR_S:.3g} h of data, {'a' if known.varies else 'no'} period"
+    need = f"a period, and one spin over at most {SHORT_S / DAY_S:.0f} days, are needed"
+    yield _advice(
+        known,
+        suits,
+        "motion and surface of a body whose parts are known, here a bundled one (lcbayes models "
+        "body lists them)",
+        why,
+        need,
+        BODY_S + BODY_EPOCH_S * known.curve.n_obs,
+        "fit",
+        "--model",
+        "body",
+        "--body",
+        "rocket-stage",
+    )
 
 
 def _stabilised(known: Known) -> Iterator[Advice]:
