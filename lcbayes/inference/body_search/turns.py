@@ -142,10 +142,14 @@ def with_fixed_shadows(
 ) -> SearchState:
     """The best end points for a coarser body without shadows, near optima of the posterior.
 
-    ``images`` (n, D) -> (n, K, D) are equivalent without shadows. ``held`` gives the epochs with
-    the shadows of a point (D,), which are fixed while it is moved, a few times.
+    ``images`` (n, D) -> (n, K, D) are equivalent without shadows, and half a turn is nearly so for
+    many bodies. ``held`` gives the epochs with the shadows of a point (D,), which are fixed while
+    it is moved, a few times.
     """
     near = np.concatenate(images(np.asarray(ends.z)[search.different(ends, REFINED)]))
+    near = np.concatenate(
+        [near, rows(problem, data, [_half_turned(problem, data, z) for z in near])]
+    )
     potential = compiled(problem.potential)
 
     def one(z: Floats) -> SearchState:
@@ -159,3 +163,11 @@ def with_fixed_shadows(
     total = len(near) * HELD * HELD_STEPS
     with progress.stage("adding shadows", total, "steps") as track, threads(workers) as pool:
         return search.joined(*pool.map(one, near))
+
+
+def _half_turned(problem: Problem, data: Epochs, z: Floats) -> dict[str, Any]:
+    """Sites of a point (D,) with the body turned by 180° about ω."""
+    sites = {k: np.asarray(v) for k, v in compiled(problem.constrain)(z, data).items()}
+    omega = sites["omega"]
+    turn = Rotation.from_rotvec(np.pi * omega / np.linalg.norm(omega))
+    return turned({name: sites[name] for name in problem.names}, turn)

@@ -10,6 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from lcbayes.core.jax_setup import jnp
 from lcbayes.core.progress import Silent
+from lcbayes.inference import search
+from lcbayes.inference.body_search import turns
 from lcbayes.inference.fit import Stages
 from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
@@ -27,6 +29,7 @@ from tests.helpers.shaded_bar import (
     ARM,
     ATTITUDE,
     OBS,
+    OMEGA,
     SUN,
     T,
     bar,
@@ -120,6 +123,28 @@ def test_chains_follow_a_guide_where_shadows_are_dear(monkeypatch) -> None:
             None,  # pyright: ignore[reportArgumentType]
         )
         assert stages.sampler(problem, data).settings.sampler == name
+
+
+def test_an_end_that_is_half_a_turn_away_is_put_right() -> None:
+    """Without shadows, a motion half a turn away may fit nearly as well as the true one."""
+    problem, data, z, held = problem_and_guide(bar(shadows=True))
+    assert held is not None
+    sites = {k: np.asarray(v) for k, v in compiled(problem.constrain)(z, data).items()}
+    unit = np.linalg.norm(sites["omega"]) / abs(sites["rate_unit"])
+    middle = Rotation.from_rotvec(float(data.t_middle) * OMEGA) * Rotation.from_matrix(ATTITUDE)
+    wrong = Rotation.from_rotvec(np.pi * OMEGA / np.linalg.norm(OMEGA)) * middle
+    known = {
+        "rate_unit": np.linalg.norm(OMEGA) / unit,
+        "attitude_base": wrong.as_quat(scalar_first=True),
+    }
+    start = {k: sites[k] for k in problem.names} | known | {"paint_r_diff": ALBEDO}
+    row = np.asarray(problem.ravel({k: jnp.asarray(v, float) for k, v in start.items()}))
+    ends = search.init(row[None])._replace(potential=compiled(problem.potential)(row, data)[None])
+    same = lambda rows: rows[:, None]  # noqa: E731
+    ends = turns.with_fixed_shadows(problem, data, ends, held, same, 1, Silent())
+    best = np.asarray(ends.z)[np.argmin(ends.potential)]
+    found = np.asarray(compiled(problem.constrain)(jnp.asarray(best), data)["attitude"])
+    assert np.degrees(Rotation.from_matrix(found.T @ ATTITUDE).magnitude()) < 5.0
 
 
 @pytest.mark.slow
