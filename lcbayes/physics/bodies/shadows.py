@@ -157,8 +157,8 @@ def _apart(corners: Floats, ends: Floats) -> tuple[Floats, np.floating]:
     """`Group.middle` and `Group.reach` of a polygon (k, 2) and ends of edges (E, 2, 3)."""
     flat, points = np.pad(corners, ((0, 0), (0, 1))), ends.reshape(-1, 3)
     first, second = (x.min(axis=0) / 2.0 + x.max(axis=0) / 2.0 for x in (flat, points))
-    radii = (np.linalg.norm(x - m, axis=1).max() for x, m in ((flat, first), (points, second)))
-    return second - first, sum(radii)
+    near, far = (np.linalg.norm(x - m, axis=1).max() for x, m in ((flat, first), (points, second)))
+    return second - first, near + far
 
 
 def tests_per_epoch(groups: Sequence[Group]) -> int:

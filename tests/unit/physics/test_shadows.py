@@ -246,15 +246,21 @@ def test_some_at_a_time_and_batches_give_the_same(name, tmp_path, monkeypatch):
     parts = shaded.scenario(name, tmp_path, 1e-2).parts
     assert parts is not None
     sun, obs = map(jnp.asarray, shaded.attitudes(50, 7))
-    whole = np.asarray(parts.lit_and_seen(sun, obs))
-    alone = jax.vmap(lambda s, o: parts.lit_and_seen(s[None], o[None])[0])
+
+    def fractions(sun, obs):
+        found = parts.lit_and_seen(sun, obs)
+        assert found is not None
+        return found
+
+    whole = np.asarray(fractions(sun, obs))
+    alone = jax.vmap(lambda s, o: fractions(s[None], o[None])[0])
     np.testing.assert_allclose(np.asarray(alone(sun, obs)), whole, rtol=0, atol=1e-12)
-    one = np.asarray(jax.vmap(lambda s: parts.lit_and_seen(s[None], obs[:1])[0])(sun))
-    both = np.asarray(parts.lit_and_seen(sun, jnp.tile(obs[:1], (50, 1))))
+    one = np.asarray(jax.vmap(lambda s: fractions(s[None], obs[:1])[0])(sun))
+    both = np.asarray(fractions(sun, jnp.tile(obs[:1], (50, 1))))
     np.testing.assert_allclose(one, both, rtol=0, atol=1e-12)
     monkeypatch.setattr(shadow_area, "MOST_TESTS", 1)
     monkeypatch.setattr(shadow_area, "FEWEST", 7)  # as many pairs at once
-    some = np.asarray(parts.lit_and_seen(sun[:49], obs[:49]))  # another size is traced again
+    some = np.asarray(fractions(sun[:49], obs[:49]))  # another size is traced again
     np.testing.assert_allclose(some, whole[:49], rtol=0, atol=1e-12)
 
 
