@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from lcbayes.analysis.contents import Mode, Results
 from lcbayes.geometry.spherical import lon_lat_deg, unwrapped
 from lcbayes.modelling.likelihood import PASS_SPREADS
-from lcbayes.modelling.variables import label, reported
+from lcbayes.modelling.variables import is_area, label, reported
 
 Floats = NDArray[np.float64]
 
@@ -145,7 +145,7 @@ def quantities(results: Results, mode: Mode) -> Iterator[Quantity]:
     """Every scalar of a solution, in stored order; arrays by element."""
     for name in _shown(mode.draws):
         words, unit, period = KNOWN.get(name, (name.replace("_", " "), "", 0.0))
-        if name == "albedo_area":
+        if is_area(name):
             unit = area_unit(results)
         if name in ("sigma", "noise", *PASS_SPREADS):
             unit = "mag" if results.is_magnitude else ""

@@ -1,9 +1,12 @@
 """What shadows between parts cost, and how exact they are.
 
     python benchmarks/shadows.py [--attitudes N]      into RESULTS.md
+    python benchmarks/shadows.py --fits               into RESULTS.md
 
 Time: the flux of a body at 300 epochs, and its gradient by the directions, with shadows and
 without, each compiled beforehand. Errors: against rays cast at analytic surfaces, at N attitudes.
+With --fits, the potential of a fit, its gradient and its Fisher matrix at a draw of the prior, for
+case 100 of `bodies.py`: bundled bodies in a flat spin, three passes.
 """
 
 from __future__ import annotations
@@ -16,9 +19,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from _body_cases import drawn
 from _results import table, write_section
 
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.modelling import registry
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem, compiled
 from lcbayes.simulation.scenarios.scenario import Scenario, load
 from lcbayes.simulation.simulate import body_flux
 
@@ -74,10 +81,35 @@ def error(name: str, scenario: Scenario, count: int) -> tuple[float, float]:
     return off, shadow
 
 
+def fits() -> None:
+    """What a posterior with shadows costs beside one without."""
+    rows = []
+    for name in ("rocket-stage", "box-wing"):
+        curve = drawn(name, "flat", 100, passes=3).curve
+        data, entry = Epochs.of(curve), registry.find("body")
+        for shadows in (False, True):
+            options = entry.check({"body": name, "shadows": shadows})
+            problem = Problem(entry.bind(options), data)
+            z = problem.prior_draw(jax.random.key(0), data)
+            methods = [compiled(x) for x in (problem.potential, problem.slope, problem.fisher)]
+            took = [microseconds(method, z, data) / 1e3 for method in methods]
+            kind = "with" if shadows else "without"
+            rows.append([name, str(len(data.t)), kind, *(f"{x:.2f}" for x in took)])
+            print(rows[-1], flush=True)
+    columns = ["body", "epochs", "shadows", "potential (ms)", "gradient (ms)", "Fisher matrix (ms)"]
+    command = "python benchmarks/shadows.py --fits"
+    write_section("Shadows in fits", command, table(columns, rows))
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--attitudes", type=int, default=200)
-    count = parser.parse_args().attitudes
+    parser.add_argument("--fits", action="store_true")
+    args = parser.parse_args()
+    if args.fits:
+        fits()
+        return
+    count = args.attitudes
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         bodies = {name: shaded.scenario(name, Path(folder), TOLERANCE) for name in shaded.TEXTS}
@@ -113,7 +145,7 @@ def main() -> None:
     text = (
         f"Flux at {EPOCHS} epochs from directions in the body frame, Lambertian but where glossy, "
         f"tolerance {TOLERANCE:g}; errors and shadows over the largest flux, the worst of {count} "
-        "attitudes. The machine was shared with other work while this was measured.\n\n"
+        "attitudes.\n\n"
     )
     command = f"python benchmarks/shadows.py --attitudes {count}"
     write_section("Shadows between parts", command, text + table(columns, rows))

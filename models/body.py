@@ -108,9 +108,11 @@ def model(
     sizes = {
         (i, key): _drawn(f"{known.names[i]}_{key}", prior) for (i, key), prior in file.sizes.items()
     }
-    albedo_area = _albedo_area(file, values)
-    size = _size(jnp.sum(albedo_area), scale_sd) if data.calibrated and scale_sd else jnp.ones(())
-    numpyro.deterministic("albedo_area", size * albedo_area)
+    areas = _albedo_areas(file, values)
+    total = sum(areas.values())
+    size = _size(total, scale_sd) if data.calibrated and scale_sd else jnp.ones(())
+    for name, area in areas.items():
+        numpyro.deterministic(f"{name}_albedo_area", size * area)
 
     sun, obs = turned(data.t)
     numpyro.deterministic(SUN, sun)
@@ -202,14 +204,14 @@ def _size(albedo_area, scale_sd: float):
     return jnp.asarray(numpyro.deterministic("size", jnp.exp(total) / albedo_area))
 
 
-def _albedo_area(file: BodyFile, values):
+def _albedo_areas(file: BodyFile, values):
     """Area times reflectance of each material, m²; with the median sizes if they are unknown."""
-    sizes = []
+    areas = {}
     for name, area in file.body.areas.items():
         every = {**file.body.materials[name].parameters, **values[name]}
         share = sum(every[k] / unit for k, unit in DIFFUSE_UNIT.items() if k in every)
-        sizes.append(area * share)
-    return jnp.stack([jnp.asarray(x) for x in sizes])
+        areas[name] = jnp.asarray(area * share)
+    return areas
 
 
 def resolved(options):
@@ -358,7 +360,7 @@ def _start(start: phases.Start, file: BodyFile, surface: Surface, options, unit:
         sites["attitude_base"] = quaternion
     every = {name: values.get(name, {}) for name in known.materials}
     scale = max(start.coefficients[0], 1e-6) / unit
-    sites["log_brightness"] = np.log(scale * float(jnp.sum(_albedo_area(file, every))))
+    sites["log_brightness"] = np.log(scale * float(sum(_albedo_areas(file, every).values())))
     return sites
 
 

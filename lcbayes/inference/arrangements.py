@@ -58,13 +58,19 @@ def plausible(group: Sequence[Solution], error: float) -> list[Solution]:
     return [s for s, part in parts if largest_share(part, error) > MAX_LEFT_OUT]
 
 
-def number_to_sample(groups: Sequence[Sequence[Solution]], most: int) -> int:
+def number_to_sample(
+    groups: Sequence[Sequence[Solution]], most: int, *, near_gaussian: bool = False
+) -> int:
     """How many groups to sample: ``most``, or up to `LARGEST_FACTOR` as many if these are all.
 
     Weights are of use if every group is sampled that may hold a noticeable share of the posterior.
-    Where there are many more of these, a few are as good as some more.
+    Where there are many more of these, a few are as good as some more. The shares are those of
+    Laplace's approximation; if the posterior is nearly Gaussian, no group without such a share is
+    sampled.
     """
     likely = len(plausible([joint(group) for group in groups], APART_SE))
+    if near_gaussian:
+        return min(most, likely)
     return likely if most < likely <= LARGEST_FACTOR * most else most
 
 

@@ -338,8 +338,8 @@ class Stages:
         most = settings.max_modes
         if sampler.moves is not None:
             most = number_to_sample(groups, most)
-        elif isinstance(order, AttitudeOrder):  # nearly Gaussian, so that Laplace's shares hold
-            most = min(most, len(plausible([joint(group) for group in groups], APART_SE)))
+        elif isinstance(order, AttitudeOrder):
+            most = number_to_sample(groups, most, near_gaussian=True)
         sampled, rest = groups[:most], [s for group in groups[most:] for s in group]
         modes: list[Mode] = []
         draws = len(sampled) * settings.num_chains * sum(sampler.n_blocks) * BLOCK

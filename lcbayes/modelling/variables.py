@@ -71,8 +71,6 @@ def label(name: str, index: tuple[int, ...]) -> str:
 
 
 UNITS = {
-    "albedo_area": "m2",
-    "area": "m2",
     "phi": "rad",
     "omega": "rad/s",
     "phase_d": "rad",
@@ -97,6 +95,11 @@ NOISE = ("sigma", "noise")
 BRIGHTNESS = ("brightness", "expected", "error")  # of the light curve
 
 
+def is_area(name: str) -> bool:
+    """Whether a variable is an area or albedo-area of facets or of a material."""
+    return name == "area" or (name.endswith("albedo_area") and not name.startswith("log_"))
+
+
 def unit(name: str, *, relative: bool, magnitude: bool) -> str:
     """Unit of a variable of a posterior or light curve; "1" if it is a pure number.
 
@@ -108,8 +111,8 @@ def unit(name: str, *, relative: bool, magnitude: bool) -> str:
     """
     if name in BRIGHTNESS:
         return "mag" if magnitude else "1" if relative else "m2"
-    if name in ("albedo_area", "area") and relative:
-        return "1"
+    if is_area(name):
+        return "1" if relative else "m2"
     if name in NOISE:
         return "mag" if magnitude else "1"
     if name.startswith(OFFSETS) and name.endswith(("_sd", "_offset")):

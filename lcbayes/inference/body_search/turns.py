@@ -29,6 +29,7 @@ SPACING = 0.25  # rad: spacing of rates times the time base
 MOST = 200_000  # rates that are compared
 PHASE_SD = 0.02  # rad, below which a phase is not trusted
 ROUNDS = ((1.0, 12, 0.3), (1.0, 25, 0.4), (1.0, 150, 1.0))
+SAME = 1e-6  # relative difference of the potential below which a body looks the same
 HELD, HELD_STEPS = 4, 20  # times that shadows are moved, and steps after each
 REFINED = 12  # end points to which they are added
 
@@ -147,10 +148,10 @@ def with_fixed_shadows(
     it is moved, a few times.
     """
     near = np.concatenate(images(np.asarray(ends.z)[search.different(ends, REFINED)]))
-    near = np.concatenate(
-        [near, rows(problem, data, [_half_turned(problem, data, z) for z in near])]
-    )
     potential = compiled(problem.potential)
+    half = np.asarray(rows(problem, data, [_half_turned(problem, data, z) for z in near]))
+    before, after = (np.array([float(potential(z, data)) for z in x]) for x in (near, half))
+    near = np.concatenate([near, half[np.abs(after - before) > SAME * np.abs(before)]])
 
     def one(z: Floats) -> SearchState:
         row = search.init(z[None])

@@ -22,16 +22,16 @@ def in_polygons(edges: Ends, polygons: Ends) -> tuple[jax.Array, jax.Array]:
 
     Parameters
     ----------
-    edges : (R, A, M, T)
-    polygons : (R, A or 1, J, E, T)
+    edges : (A, M, P)
+    polygons : (A or 1, J, E, P)
         The polygon lies on the left of its edges; an edge without length is on neither side.
 
     Returns
     -------
-    into, out : (R, A, M, J, T)
+    into, out : (A, M, J, P)
         In [0, 1], but for into ≥ out where an edge misses the polygon.
     """
-    (sx, sy), (ex, ey) = (tuple(x[:, :, :, None] for x in points) for points in edges)
+    (sx, sy), (ex, ey) = (tuple(x[:, :, None] for x in points) for points in edges)
     (px, py), (qx, qy) = polygons
     dx, dy = qx - px, qy - py
     length = jnp.abs(dx) + jnp.abs(dy)
@@ -51,24 +51,24 @@ def in_polygons(edges: Ends, polygons: Ends) -> tuple[jax.Array, jax.Array]:
         beyond = jnp.where(level & (before + after < 0.0), -1.0, 1.0)
         return into, jnp.minimum(out, jnp.where((change < 0.0) & ~level, at, beyond))
 
-    half_planes = [z[:, :, None] for z in (dx, dy, dx * py - dy * px, length)]  # (R, A, 1, J, E, T)
-    shape = jnp.broadcast_shapes(sx.shape, half_planes[0][..., 0, :].shape)
+    half_planes = [jnp.moveaxis(z, 2, 0) for z in (dx, dy, dx * py - dy * px, length)]
+    half_planes = [z[:, :, None] for z in half_planes]  # (E, A, 1, J, P)
+    shape = jnp.broadcast_shapes(sx.shape, half_planes[0].shape[1:])
     ends, _ = jax.lax.scan(
         lambda interval, half_plane: (halved(interval, half_plane), None),
         (jnp.zeros(shape), jnp.ones(shape)),
-        tuple(jnp.moveaxis(z, 4, 0) for z in half_planes),
+        half_planes,
     )
-    return jax.lax.optimization_barrier(ends)  # else computed again by each that needs it
+    return ends
 
 
 def without_union(
     into: jax.Array, out: jax.Array, low: jax.Array | float = 0.0, high: jax.Array | float = 1.0
 ) -> tuple[jax.Array, jax.Array]:
-    """∫dt and ∫t dt over [low, high] without the union of the intervals along axis 3."""
-    count = into.shape[3]
+    """∫dt and ∫t dt over [low, high] without the union of the intervals along axis 2."""
+    count = into.shape[2]
     pairs = [
-        (jnp.maximum(into[:, :, :, j], low), jnp.minimum(out[:, :, :, j], high))
-        for j in range(count)
+        (jnp.maximum(into[:, :, j], low), jnp.minimum(out[:, :, j], high)) for j in range(count)
     ]
     pairs = [(jnp.where(b > a, a, 2.0), jnp.where(b > a, b, 2.0)) for a, b in pairs]
     if count == 2:
@@ -78,9 +78,9 @@ def without_union(
             (jnp.maximum(a, c), jnp.where(a <= c, d, b)),
         ]
     elif count > 2:
-        a, b = (jnp.stack(x, axis=3) for x in zip(*pairs, strict=True))
-        a, b = jax.lax.sort((a, b), dimension=3, num_keys=1)
-        pairs = [(a[:, :, :, j], b[:, :, :, j]) for j in range(count)]
+        a, b = (jnp.stack(x, axis=2) for x in zip(*pairs, strict=True))
+        a, b = jax.lax.sort((a, b), dimension=2, num_keys=1)
+        pairs = [(a[:, :, j], b[:, :, j]) for j in range(count)]
     length = jnp.maximum(high - low, 0.0)
     moment = 0.5 * length * (high + low)
     reached = -1.0

@@ -178,14 +178,13 @@ def _may_be_shaded(group: Group, sun: jax.Array, obs: jax.Array) -> jax.Array:
 
 def _fraction(group: Group, sun: jax.Array, obs: jax.Array) -> jax.Array:
     """Of polygons (P,), one for each epoch, which face both."""
-    given = jax.tree.map(lambda x: x[None], group)  # the functions of outlines have one axis more
-    both = [jnp.sum(given.frame * d.T, axis=2) for d in (sun, obs)]  # (1, 3, P)
-    outlines = _nudged(*_outlines(*given[4:8], directions=both))
-    area = _area((given.corners[:, :, 0], given.corners[:, :, 1]), outlines)
-    return jnp.clip(area[0] / group.area, 0.0, 1.0)
+    both = [jnp.sum(group.frame * d.T, axis=1) for d in (sun, obs)]  # (3, P)
+    outlines = _nudged(*_outlines(group, both))
+    area = _area((group.corners[:, 0], group.corners[:, 1]), outlines)
+    return jnp.clip(area / group.area, 0.0, 1.0)
 
 
-def _outlines(first, second, normal_a, normal_b, directions: Sequence[jax.Array]) -> Ends:
+def _outlines(group: Group, directions: Sequence[jax.Array]) -> Ends:
     """Edges of the shadows in the plane, counter-clockwise seen from outside.
 
     A point at height h above the plane falls on (x, y) − h (d_x, d_y)/d_z.
@@ -193,29 +192,26 @@ def _outlines(first, second, normal_a, normal_b, directions: Sequence[jax.Array]
     Returns
     -------
     Ends
-        Arrays (R, 2J, E, T): the solids along the first direction, then along the second.
+        Arrays (2J, E, P): the solids along the first direction, then along the second.
     """
     edges = []
     for d in directions:
-        toward = d[:, None, None]
-        facing = [jnp.sum(n * toward, axis=3) > 0.0 for n in (normal_a, normal_b)]
-        x, y, h = (
-            jnp.where((facing[0] != facing[1])[:, :, :, None], first[..., i, :], second[..., i, :])
-            for i in range(3)
-        )
-        d = d[:, :, None, None, None, :]
-        fallen = (x - h * (d[:, 0] / d[:, 2]), y - h * (d[:, 1] / d[:, 2]))
-        start = tuple(jnp.where(facing[0], p[..., 0, :], p[..., 1, :]) for p in fallen)
-        end = tuple(jnp.where(facing[0], p[..., 1, :], p[..., 0, :]) for p in fallen)
+        facing = [jnp.sum(n * d, axis=2) > 0.0 for n in (group.normal_a, group.normal_b)]
+        outer = (facing[0] != facing[1])[:, :, None, None]
+        points = jnp.where(outer, group.first, group.second)
+        x, y, h = (points[:, :, :, i] for i in range(3))
+        fallen = (x - h * (d[0] / d[2]), y - h * (d[1] / d[2]))
+        start = tuple(jnp.where(facing[0], p[:, :, 0], p[:, :, 1]) for p in fallen)
+        end = tuple(jnp.where(facing[0], p[:, :, 1], p[:, :, 0]) for p in fallen)
         edges.append((*start, *end))
-    ax, ay, bx, by = (jnp.concatenate(x, axis=1) for x in zip(*edges, strict=True))
+    ax, ay, bx, by = (jnp.concatenate(x) for x in zip(*edges, strict=True))
     return (ax, ay), (bx, by)
 
 
 def _nudged(start: Points, end: Points) -> Ends:
     """Outlines enlarged about a point inside, each by a share of its own."""
-    share = NUDGE * (1.0 + jnp.arange(start[0].shape[1]))[None, :, None, None]
-    middle = [0.5 * jnp.mean(a + b, axis=2, keepdims=True) for a, b in zip(start, end, strict=True)]
+    share = NUDGE * (1.0 + jnp.arange(len(start[0])))[:, None, None]
+    middle = [0.5 * jnp.mean(a + b, axis=1, keepdims=True) for a, b in zip(start, end, strict=True)]
     ax, ay, bx, by = (
         x + share * (x - m) for x, m in zip((*start, *end), (*middle, *middle), strict=True)
     )
@@ -224,7 +220,7 @@ def _nudged(start: Points, end: Points) -> Ends:
 
 @jax.custom_jvp
 def _area(corners: Points, outlines: Ends) -> jax.Array:
-    """Area of polygons without the union of outlines, (R, T)."""
+    """Area of polygons without the union of outlines, (P,)."""
     return _area_and_parts(corners, outlines)[0]
 
 
@@ -243,7 +239,7 @@ def _area_jvp(primals, tangents):
     # each edge sweeps ∫ v × (b − a) dt, v = (1 − t) v_a + t v_b
     rest = length - moment
     vx, vy = rest * vax + moment * vbx, rest * vay + moment * vby
-    return area, -jnp.sum(vx * (by - ay) - vy * (bx - ax), axis=(1, 2))
+    return area, -jnp.sum(vx * (by - ay) - vy * (bx - ax), axis=(0, 1))
 
 
 @jax.jit  # traced once, not in each program
@@ -257,21 +253,20 @@ def _area_and_parts(
     outline.
     """
     start, end = outlines
-    count, (x, y) = start[0].shape[1], corners
+    count, (x, y) = len(start[0]), corners
     other = np.array([[k for k in range(count) if k != j] for j in range(count)])
-    whole = slice(None)
-    sides = (x[:, 1:-1], y[:, 1:-1]), (x[:, 2:], y[:, 2:])
+    sides = (x[1:-1], y[1:-1]), (x[2:], y[2:])
     # an outline without edges is that of a panel seen edge-on, which hides nothing
-    there = jnp.any((start[0] != end[0]) | (start[1] != end[1]), axis=2)
-    into, out = in_polygons(_at(sides, (whole, None)), _at(outlines, (whole, None)))
-    of_sides, _ = without_union(into, jnp.where(there[:, None, None], out, -1.0))
-    around = corners, (jnp.roll(x, -1, axis=1), jnp.roll(y, -1, axis=1))
-    low, high = in_polygons(outlines, _at(around, (whole, None, None)))
-    low, high = low[:, :, :, 0], high[:, :, :, 0]
-    into, out = in_polygons(outlines, _at(outlines, (whole, other)))
-    parts = without_union(into, jnp.where(there[:, other][:, :, None], out, -1.0), low, high)
-    area = jnp.sum(_cross(*sides) * of_sides[:, 0], axis=1)
-    area = 0.5 * (area - jnp.sum(_cross(start, end) * parts[0], axis=(1, 2)))
+    there = jnp.any((start[0] != end[0]) | (start[1] != end[1]), axis=1)
+    into, out = in_polygons(_at(sides, None), _at(outlines, None))
+    of_sides, _ = without_union(into, jnp.where(there, out, -1.0))
+    around = corners, (jnp.roll(x, -1, axis=0), jnp.roll(y, -1, axis=0))
+    low, high = in_polygons(outlines, _at(around, (None, None)))
+    low, high = low[:, :, 0], high[:, :, 0]
+    into, out = in_polygons(outlines, _at(outlines, other))
+    parts = without_union(into, jnp.where(there[other][:, None], out, -1.0), low, high)
+    area = jnp.sum(_cross(*sides) * of_sides[0], axis=0)
+    area = 0.5 * (area - jnp.sum(_cross(start, end) * parts[0], axis=(0, 1)))
     return area, parts
 
 

@@ -105,8 +105,10 @@ def _row(one: Object, result: Fit, seconds: float) -> dict[str, Any]:
     for key in SPIN:
         if key in parameters:
             row[key], row[f"{key}_sd"] = parameters[key]["mean"], parameters[key]["sd"]
-    if "albedo_area" in result.posterior:
-        area = weighted_draws(result.posterior, seed=summary["seed"])["albedo_area"]
-        total = area.sum([name for name in area.dims if name not in ("chain", "draw")])
+    if areas := [name for name in result.posterior if str(name).endswith("albedo_area")]:
+        drawn = weighted_draws(result.posterior, seed=summary["seed"])[areas]
+        total = sum(
+            x.sum([d for d in x.dims if d not in ("chain", "draw")]) for x in drawn.values()
+        )
         row["albedo_area_m2"], row["albedo_area_m2_sd"] = float(total.mean()), float(total.std())
     return row

@@ -25,7 +25,7 @@ from lcbayes.analysis import report as page
 from lcbayes.analysis.numerals import show
 from lcbayes.core.reasons import Reason
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.modelling.variables import label
+from lcbayes.modelling.variables import is_area, label
 from lcbayes.results.asteroid import QUANTITIES, tilt_warning
 from lcbayes.results.content import BodyContent, FitContent, ParameterContent
 from lcbayes.results.light_curve import load_light_curve
@@ -211,8 +211,8 @@ class Fit(Result[FitContent]):
     def _unit(self, name: str) -> str:
         base = name.partition("[")[0]
         free = self.tree["constant_data"].to_dataset().get("free_scale")
-        if base == "albedo_area" and free is not None and bool(free.all()):
-            return ""
+        if is_area(base):
+            return "" if free is not None and bool(free.all()) else "m²"
         return quantities.KNOWN.get(base, ("", "", 0.0))[1]
 
     def write_files(self, folder: Path) -> None:

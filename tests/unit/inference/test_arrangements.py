@@ -191,6 +191,15 @@ def test_all_rotations_are_sampled_if_they_are_few(deficits, number):
     assert number_to_sample(groups, 4) == number
 
 
+@pytest.mark.parametrize(
+    ("deficits", "number"),
+    [((0.0, 15.0, 16.0), 1), ((0.0, 6.0, 15.0), 2), ((0.0,) * 6, 4)],
+)
+def test_no_hopeless_solution_of_a_nearly_gaussian_posterior_is_sampled(deficits, number):
+    groups = [[Solution(np.zeros(2), 0.0, -deficit, 0.0, 1)] for deficit in deficits]
+    assert number_to_sample(groups, 4, near_gaussian=True) == number
+
+
 def test_bridges_show_the_error_of_gaussian_approximations():
     def related(*solutions):
         """Modes of given Gaussian evidences, and errors and differences of their bridges."""

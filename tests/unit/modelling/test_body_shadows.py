@@ -125,6 +125,11 @@ def test_chains_follow_a_guide_where_shadows_are_dear(monkeypatch) -> None:
         assert stages.sampler(problem, data).settings.sampler == name
 
 
+def alone(z: np.ndarray) -> np.ndarray:
+    """Points (n, D) without further images, (n, 1, D)."""
+    return z[:, None]
+
+
 def test_an_end_that_is_half_a_turn_away_is_put_right() -> None:
     """Without shadows, a motion half a turn away may fit nearly as well as the true one."""
     problem, data, z, held = problem_and_guide(bar(shadows=True))
@@ -140,8 +145,7 @@ def test_an_end_that_is_half_a_turn_away_is_put_right() -> None:
     start = {k: sites[k] for k in problem.names} | known | {"paint_r_diff": ALBEDO}
     row = np.asarray(problem.ravel({k: jnp.asarray(v, float) for k, v in start.items()}))
     ends = search.init(row[None])._replace(potential=compiled(problem.potential)(row, data)[None])
-    same = lambda rows: rows[:, None]  # noqa: E731
-    ends = turns.with_fixed_shadows(problem, data, ends, held, same, 1, Silent())
+    ends = turns.with_fixed_shadows(problem, data, ends, held, alone, 1, Silent())
     best = np.asarray(ends.z)[np.argmin(ends.potential)]
     found = np.asarray(compiled(problem.constrain)(jnp.asarray(best), data)["attitude"])
     assert np.degrees(Rotation.from_matrix(found.T @ ATTITUDE).magnitude()) < 5.0

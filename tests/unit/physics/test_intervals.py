@@ -25,8 +25,8 @@ def ends(start: np.ndarray, end: np.ndarray, *shape: int) -> Ends:
 def lengths(angle: float, start: np.ndarray, end: np.ndarray, polygon: np.ndarray) -> np.ndarray:
     """Share of edges (N, 2) that lies in a polygon (K, 2), all turned."""
     start, end, corners = (turned(x, angle) for x in (start, end, polygon))
-    edges = ends(start, end, 1, 1, len(start), 1)
-    sides = ends(corners, np.roll(corners, -1, axis=0), 1, 1, 1, len(corners), 1)
+    edges = ends(start, end, 1, len(start), 1)
+    sides = ends(corners, np.roll(corners, -1, axis=0), 1, 1, len(corners), 1)
     into, out = in_polygons(edges, sides)
     return np.clip(np.asarray(out - into).ravel(), 0.0, 1.0)
 
