@@ -9,6 +9,8 @@ import traceback
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from lcbayes.core.errors import InputError
 from lcbayes.core.files import write_json
 from lcbayes.core.version import installed_version
@@ -107,8 +109,7 @@ def _row(one: Object, result: Fit, seconds: float) -> dict[str, Any]:
             row[key], row[f"{key}_sd"] = parameters[key]["mean"], parameters[key]["sd"]
     if areas := [name for name in result.posterior if str(name).endswith("albedo_area")]:
         drawn = weighted_draws(result.posterior, seed=summary["seed"])[areas]
-        total = sum(
-            x.sum([d for d in x.dims if d not in ("chain", "draw")]) for x in drawn.values()
-        )
+        own = (x.sum([d for d in x.dims if d not in ("chain", "draw")]) for x in drawn.values())
+        total = np.sum([x.to_numpy() for x in own], axis=0)
         row["albedo_area_m2"], row["albedo_area_m2_sd"] = float(total.mean()), float(total.std())
     return row
