@@ -10,7 +10,6 @@ import numpy as np
 import numpyro
 import numpyro.distributions as dist
 from numpyro import handlers
-from numpyro.distributions.transforms import Transform
 from scipy.spatial.transform import Rotation
 
 from lcbayes.core.errors import InputError
@@ -22,9 +21,11 @@ from lcbayes.inference.spin_search.allowed import Allowed
 from lcbayes.modelling import body_motion, likelihood, nuisances
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.known_spin import MIN_BISECTOR, KnownSpin, RatePrior
-from lcbayes.modelling.problem import LIT, OBS, SUN, TRACING, Problem
+from lcbayes.modelling.problem import LIT, OBS, SUN, TRACING, Coordinates, Problem
+from lcbayes.modelling.reflectance_products import Reflectance, ReflectanceProducts
 from lcbayes.modelling.spin_coordinates import rate_and_direction
 from lcbayes.physics import photometry
+from lcbayes.physics.reflectance import LAWS
 from lcbayes.simulation.known_bodies.body import KnownBody
 from lcbayes.simulation.known_bodies.reader import (
     BodyFile,
@@ -179,10 +180,7 @@ def _file(body: str, spin: str, shadows: bool, tolerance: float = 0.0) -> BodyFi
 
 def _surface(file: BodyFile, material: str):
     """Parameters of a material, the unknown ones drawn from their priors."""
-    parameters = {}
-    for key, prior in file.priors[material].items():
-        parameters[key] = _drawn(f"{material}_{key}", prior)
-    return parameters
+    return {k: _drawn(f"{material}_{k}", prior) for k, prior in file.priors[material].items()}
 
 
 def _drawn(name: str, prior: Prior):
@@ -274,25 +272,53 @@ def shadows_left_out(
 def coordinates(
     data: Epochs,
     *,
+    body: str,
     spin: str = "flat",
     omega_sd: float = 0.1,
     period: str = "",
+    scale_sd: float = 0.5,
     **options: object,  # noqa: ARG001
-) -> dict[str, Transform] | None:
-    """Coordinates of the sampler: rate and direction of ω, if the body may turn many times, and of
-    a flat spin the turn about the bisector, if that hardly moves."""
+) -> Coordinates | None:
+    """Coordinates of the sampler: rate and direction of ω, if the body may turn many times; of a
+    flat spin the turn about the bisector, if that hardly moves; products of size and reflectances.
+    """
+    products = _products(read_body_text(body), scale_sd if data.calibrated else None)
     if spin == "free":
-        found = rate_and_direction(spin, omega_sd, period, float(data.t_span))
-        return None if found is None else dict(found)
+        motion = rate_and_direction(spin, omega_sd, period, float(data.t_span)) or {}
+        return {**motion, **products} or None
     both = np.asarray(data.sun) + np.asarray(data.obs)
     size = np.linalg.norm(both, axis=1)
-    if size.min() < MIN_BISECTOR:
-        return None
-    mean = (both / size[:, None]).mean(axis=0)
-    nearest = float((both @ mean / size).min() / np.linalg.norm(mean))
-    if nearest < np.cos(np.deg2rad(STILL_DEG)):
-        return None
-    return {"attitude_base": body_motion.TurnAboutBisector(mean)}
+    if size.min() >= MIN_BISECTOR:
+        mean = (both / size[:, None]).mean(axis=0)
+        nearest = float((both @ mean / size).min() / np.linalg.norm(mean))
+        if nearest >= np.cos(np.deg2rad(STILL_DEG)):
+            return {"attitude_base": body_motion.TurnAboutBisector(mean), **products}
+    return products or None
+
+
+def _products(file: BodyFile, scale_sd: float | None) -> Coordinates:
+    """Joint coordinates of reflectances, and of the size if the data fix their products with it.
+
+    The prior sd of ln size is None for data without calibration.
+    """
+    nothing = {name: dict.fromkeys(file.priors[name], 0.0) for name in file.body.materials}
+    constant = float(sum(_albedo_areas(file, nothing).values()))
+    made: dict[str, Reflectance] = {}
+    for key, unit in reversed(DIFFUSE_UNIT.items()):  # the specular ones first
+        for name, area in file.body.areas.items():
+            if (prior := file.priors[name].get(key)) is not None:
+                mirror, law = f"{name}_r_spec", LAWS[file.body.materials[name].law]
+                below = law.layered and key == "r_diff" and mirror in made
+                above = [*made].index(mirror) if below else None
+                uniform = prior.kind == "uniform"
+                ends = (prior.first, prior.second) if uniform else (0.0, np.inf)
+                site = f"{name}_{key}" if uniform else f"log_{name}_{key}"
+                made[site] = Reflectance(*ends, area / unit, above)
+    if scale_sd is None and len(made) > 1:
+        return {tuple(made): ReflectanceProducts([*made.values()], None)}
+    if scale_sd and made:
+        return {("log_brightness", *made): ReflectanceProducts([*made.values()], constant)}
+    return {}
 
 
 def search(problem, data: Epochs, options, workers: int, progress, checkpoint=None):  # noqa: ARG001
@@ -365,7 +391,7 @@ def _start(start: phases.Start, file: BodyFile, surface: Surface, options, unit:
 
 
 def guide(problem, data: Epochs, **options):
-    """`held_shadows` where a gradient with moving shadows takes many times as long, else None."""
+    """`held_shadows` where a gradient with moving shadows takes many times as long."""
     file = read_body_text(options["body"], options.get("tolerance") or None)
     dear = file.body.assembly.shadow_cost > DEAR_SHADOWS
     return held_shadows(problem, data, **options) if dear else None

@@ -37,6 +37,8 @@ def build_problem(
     hook = entry.hook("coordinates")
     with TRACING:
         own = hook(data, **options) if hook else None
+        other = set(entry.replaced)  # priors, which joint coordinates do not know
+        own = own and {k: v for k, v in own.items() if isinstance(k, str) or not other & set(k)}
         key = (entry.module, dict(options), structure, shapes, own)
         for known, problems in _kept:
             if known == key:

@@ -26,6 +26,7 @@ from lcbayes.modelling.nutation import RESPONSE
 from lcbayes.modelling.priors import UniformDirection
 
 Sites = dict[str, jax.Array]
+Coordinates = Mapping[str | tuple[str, ...], Transform]
 
 SUN, OBS = "sun_body", "obs_body"  # sites: directions in body axes
 LIT = "lit_and_seen"  # site: what shadows leave of each panel, which depends on these alone
@@ -71,7 +72,8 @@ class Problem:
         Provides the shapes and the data of the first trace.
     coordinates : mapping, optional
         Transforms from unconstrained to constrained values of the named sites, in place of those
-        of NumPyro, such that the posterior is easier to sample.
+        of NumPyro, such that the posterior is easier to sample. A tuple names several sites of one
+        number each, which a transform of vectors moves together.
 
     Raises
     ------
@@ -84,7 +86,7 @@ class Problem:
         self,
         model: Callable[[Epochs], Any],
         data: Epochs,
-        coordinates: Mapping[str, Transform] | None = None,
+        coordinates: Coordinates | None = None,
     ) -> None:
         self.model = model
         trace = self.trace({}, data)
@@ -103,9 +105,12 @@ class Problem:
         for name, site in latent.items():
             if site["fn"].support.is_discrete:
                 raise InputError(f"the model's site {name!r} is discrete; marginalise it out")
-        self._transforms = {k: biject_to(v["fn"].support) for k, v in latent.items()}
-        self._transforms |= coordinates or {}
-        template = {k: self._transforms[k].inv(v["value"]) for k, v in latent.items()}
+        self._transforms = {(k,): biject_to(v["fn"].support) for k, v in latent.items()}
+        for given, transform in (coordinates or {}).items():
+            names = (given,) if isinstance(given, str) else given
+            self._transforms = {k: v for k, v in self._transforms.items() if k[0] not in names}
+            self._transforms[names] = transform
+        template = self._free({k: v["value"] for k, v in latent.items()})
         flat, self.unravel = ravel_pytree(template)
         self.dim = int(flat.size)
         self.law: Law = _law(_base(observed["fn"]))
@@ -133,19 +138,19 @@ class Problem:
         # the sites on which the data depend other than through the flux
         held, flux = _response(trace), trace[FLUX]["value"]
         self._direct = _reaching(lambda free: self._conditions(data, held, free, flux), template)
-        rows = self.rows(k for group in self._body for k in group)
-        self._still = np.setdiff1d(np.arange(self.dim), rows)
-        self._body_order = np.argsort(np.concatenate([self._still, rows]))
+        moved = self.rows(k for group in self._body for k in group)
+        self._still = np.setdiff1d(np.arange(self.dim), moved)
+        self._body_order = np.argsort(np.concatenate([self._still, moved]))
 
     def ravel(self, sites: Sites) -> jax.Array:
-        """The flat unconstrained vector of constrained values."""
-        return ravel_pytree({k: self._transforms[k].inv(sites[k]) for k in self.names})[0]
+        """The flat unconstrained vector of constrained values, which may be more than needed."""
+        return ravel_pytree(self._free(sites))[0]
 
     def replaced(self, z: jax.Array, changes: Mapping[str, Callable[[jax.Array], jax.Array]]):
         """z with some sites replaced by functions of their constrained values."""
         free = dict(self.unravel(z))
         for name, change in changes.items():
-            transform = self._transforms[name]
+            transform = self._transforms[(name,)]
             free[name] = transform.inv(change(transform(free[name])))
         return ravel_pytree(free)[0]
 
@@ -155,10 +160,18 @@ class Problem:
 
     def _sites(self, free: Sites) -> tuple[Sites, jax.Array]:
         sites, log_det = {}, jnp.zeros(())
-        for name, transform in self._transforms.items():
-            sites[name] = transform(free[name])
-            log_det += jnp.sum(transform.log_abs_det_jacobian(free[name], sites[name]))
+        for names, transform in self._transforms.items():
+            x = _joined(names, free)
+            y = transform(x)
+            sites |= _separate(names, y)
+            log_det += jnp.sum(transform.log_abs_det_jacobian(x, y))
         return sites, log_det
+
+    def _free(self, sites: Sites) -> Sites:
+        free = {}
+        for names, transform in self._transforms.items():
+            free |= _separate(names, transform.inv(_joined(names, sites)))
+        return free
 
     def _trace(self, z: jax.Array | Sites, data: Epochs):
         sites, log_det = self._sites(z if isinstance(z, dict) else self.unravel(z))
@@ -353,8 +366,8 @@ class Problem:
 
         For Normal sites it is the expected information, Jᵀ diag(1/σ²) J + 2 Kᵀ K, with the
         Jacobians J of the value minus its mean and K of ln σ; it is thus correct for a prior whose
-        width is inferred. A distribution may provide it as a method ``precision``. For any other
-        site it is the positive part of the Hessian of −ln prior with respect to that site.
+        width is inferred. A distribution may provide it as a method ``precision``. For other sites,
+        one or those of joint coordinates, it is the positive part of the Hessian of −ln prior.
         """
         free = self.unravel(z)
         trace, _ = self._trace(free, data)
@@ -371,16 +384,18 @@ class Problem:
         _, push = jax.linearize(residuals, z)
         jacobian = jax.vmap(push)(jnp.eye(self.dim))
         precision = jacobian @ jacobian.T
-        for name in self.names:
-            if name not in self._gaussian:
-                rows = self._rows[name]
-                block = self._curvature(name, trace[name]["fn"], free[name])
+        for names in self._transforms:
+            if laws := {k: trace[k]["fn"] for k in names if k not in self._gaussian}:
+                rows = self.rows(names)
+                block = self._curvature(names, laws, _joined(names, free))
                 precision = precision.at[np.ix_(rows, rows)].add(block)
         return precision
 
-    def _curvature(self, name: str, fn: Any, value: jax.Array) -> jax.Array:
-        """Positive part of the Hessian of −ln prior of one site."""
-        transform = self._transforms[name]
+    def _curvature(
+        self, names: tuple[str, ...], laws: Mapping[str, Any], value: jax.Array
+    ) -> jax.Array:
+        """Positive part of the Hessian of −ln prior of sites that are transformed together."""
+        transform, fn = self._transforms[names], laws[next(iter(laws))]
         if hasattr(fn, "precision"):
             if isinstance(transform, IdentityTransform):
                 return fn.precision(value)
@@ -389,9 +404,9 @@ class Problem:
 
         def minus_log_prior(flat: jax.Array) -> jax.Array:
             free = flat.reshape(value.shape)
-            site = transform(free)
-            log_det = transform.log_abs_det_jacobian(free, site)
-            return -jnp.sum(fn.log_prob(site)) - jnp.sum(log_det)
+            y = transform(free)
+            sites, log_det = _separate(names, y), transform.log_abs_det_jacobian(free, y)
+            return -jnp.sum(log_det) - sum(jnp.sum(f.log_prob(sites[k])) for k, f in laws.items())
 
         values, vectors = jnp.linalg.eigh(jax.hessian(minus_log_prior)(value.ravel()))
         return (vectors * jnp.maximum(values, 0.0)) @ vectors.T
@@ -400,6 +415,16 @@ class Problem:
         """A draw from the prior as an unconstrained vector."""
         trace = self.trace({}, data, key)
         return self.ravel({k: trace[k]["value"] for k in self.names})
+
+
+def _joined(names: tuple[str, ...], values: Sites) -> jax.Array:
+    """The value of one site, or those of several as a vector."""
+    return values[names[0]] if len(names) == 1 else jnp.stack([values[k] for k in names])
+
+
+def _separate(names: tuple[str, ...], value: jax.Array) -> Sites:
+    """The inverse of `_joined`."""
+    return {names[0]: value} if len(names) == 1 else dict(zip(names, value, strict=True))
 
 
 def compiled(method: Callable[..., Any]) -> Callable[..., Any]:

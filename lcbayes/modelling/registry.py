@@ -30,7 +30,8 @@ model is shown to the user. The report recognises standard site names (``albedo_
 ``COARSER``
     Values of options with which the same model costs less and is less exact, for the search.
 ``coordinates(data, **options)``
-    Transforms {site: Transform} to coordinates in which the posterior is easier to sample.
+    Transforms {site: Transform} to coordinates in which the posterior is easier to sample; a tuple
+    of sites has one together.
 ``resolved(options)``
     The options with the content of the files that they name, so that a result needs no other file.
 ``equivalents(**options)``

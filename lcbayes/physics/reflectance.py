@@ -291,13 +291,15 @@ class Law(NamedTuple):
 
     If `sum_to_one` is true, energy conservation requires r_diff + r_spec ≤ 1; for the other laws
     the bounds are sufficient. If `diffuse` is true, f_r is a factor per facet times the kernel of
-    the same name in `brightness.flux`.
+    the same name in `brightness.flux`. If `layered` is true, the diffuse part is proportional to
+    r_diff (1 − r_spec).
     """
 
     brdf: Callable[[Geometry, Parameters], jax.Array]
     parameters: dict[str, Parameter]
     sum_to_one: bool = False
     diffuse: bool = False
+    layered: bool = False
 
 
 _R_DIFF = Parameter(0.0, 1.0, "diffuse reflectance d·ρ")
@@ -312,8 +314,8 @@ _AS = {
 LAWS: dict[str, Law] = {
     "lambertian": Law(lambertian, {"r_diff": _R_DIFF}, diffuse=True),
     "non-lambertian": Law(non_lambertian, {"r_diff": _R_DIFF}, diffuse=True),
-    "ashikhmin-shirley": Law(ashikhmin_shirley, _AS),
-    "ashikhmin-shirley-distribution": Law(ashikhmin_shirley_distribution, _AS),
+    "ashikhmin-shirley": Law(ashikhmin_shirley, _AS, layered=True),
+    "ashikhmin-shirley-distribution": Law(ashikhmin_shirley_distribution, _AS, layered=True),
     "cook-torrance": Law(
         cook_torrance,
         {"r_diff": _R_DIFF, "r_spec": _R_SPEC, "m": Parameter(1e-3, 1.0, "rms slope")},

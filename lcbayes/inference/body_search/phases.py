@@ -185,10 +185,13 @@ def rows(problem: Problem, data: Epochs, points: Sequence[Mapping[str, Any]]) ->
     """Unconstrained vectors (n, D) of sites; those that are missing are prior means."""
     trace = problem.trace({}, data)
     missing = {k: trace[k]["fn"].mean for k in problem.names if k not in points[0]}
-    every = [{k: (missing | dict(p))[k] for k in problem.names} for p in points]
-    return jnp.stack(
-        [problem.ravel({k: jnp.asarray(v, float) for k, v in one.items()}) for one in every]
-    )
+    every = [missing | dict(p) for p in points]
+    return _raveled(problem, {k: np.array([p[k] for p in every], float) for k in problem.names})
+
+
+@partial(jax.jit, static_argnums=0)
+def _raveled(problem: Problem, sites: Mapping[str, jax.Array]) -> jax.Array:
+    return jax.vmap(problem.ravel)(dict(sites))
 
 
 def turned(sites: Mapping[str, Any], by: Rotation) -> dict[str, Any]:
