@@ -36,6 +36,8 @@ class Misfit(NamedTuple):
         Independent points per point; below 1 for correlated noise.
     examination : Examination or None
         Tests of the residuals; without them, chi2 alone decides.
+    facets : bool
+        Whether the body is of facets, of which there may be more.
     """
 
     chi2: float | None
@@ -43,6 +45,12 @@ class Misfit(NamedTuple):
     law: Law
     information: float = 1.0
     examination: Examination | None = None
+    facets: bool = True
+
+    @property
+    def other(self) -> str:
+        """A model that may explain the data."""
+        return "more facets" if self.facets else "another body"
 
     @property
     def explained(self) -> bool:
@@ -59,7 +67,7 @@ class Misfit(NamedTuple):
         """The value of chi2 and possible remedies, for data that the model does not explain."""
         gaussian = self.law == "gaussian"
         of = "" if gaussian else f" of the residuals, as normal quantiles by --noise {self.law},"
-        cure = "try more facets" + (
+        cure = f"try {self.other}" + (
             ", another law, or --noise student-t" if gaussian else " or another law"
         )
         return f"chi2{of} is {self.chi2:.0f} for {self.dof:g} degrees of freedom; {cure}"
@@ -79,7 +87,8 @@ def measure(
     dof = degrees_of_freedom(problem, rows[best], data)
     share = min(1.0, float(np.mean(np.asarray(data.information))))
     chi2_known = fits[best] if has_known_error else None
-    return Misfit(chi2_known, round(dof, 1), problem.law, share, examination)
+    facets = any(name.endswith("normals_base") for name in problem.names)
+    return Misfit(chi2_known, round(dof, 1), problem.law, share, examination, facets)
 
 
 def chi2(problem: Problem, z: Floats, data: Epochs) -> float:

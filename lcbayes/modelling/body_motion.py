@@ -157,7 +157,9 @@ def flat_spin(
     """
     attitude = _attitude()
     unit = numpyro.sample("rate_unit", dist.Normal(0.0, 1.0) if known is None else known)
-    omega = omega_sd * jnp.asarray(unit) * (attitude @ jnp.asarray(flat_axis))
+    rate = omega_sd * jnp.asarray(unit)
+    omega = rate * (attitude @ jnp.asarray(flat_axis))
+    numpyro.deterministic("rate_deg_s", jnp.rad2deg(rate))
     numpyro.deterministic("omega", omega)
     return attitude, omega
 

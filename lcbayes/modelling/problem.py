@@ -26,7 +26,7 @@ from lcbayes.modelling.nutation import RESPONSE
 from lcbayes.modelling.priors import UniformDirection
 
 Sites = dict[str, jax.Array]
-Coordinates = Mapping[str | tuple[str, ...], Transform]
+Coordinates = Mapping[str, Transform] | Mapping[str | tuple[str, ...], Transform]
 
 SUN, OBS = "sun_body", "obs_body"  # sites: directions in body axes
 LIT = "lit_and_seen"  # site: what shadows leave of each panel, which depends on these alone
@@ -105,7 +105,8 @@ class Problem:
         for name, site in latent.items():
             if site["fn"].support.is_discrete:
                 raise InputError(f"the model's site {name!r} is discrete; marginalise it out")
-        self._transforms = {(k,): biject_to(v["fn"].support) for k, v in latent.items()}
+        self._transforms: dict[tuple[str, ...], Transform] = {}
+        self._transforms |= {(k,): biject_to(v["fn"].support) for k, v in latent.items()}
         for given, transform in (coordinates or {}).items():
             names = (given,) if isinstance(given, str) else given
             self._transforms = {k: v for k, v in self._transforms.items() if k[0] not in names}
@@ -329,8 +330,7 @@ class Problem:
 
         The flux dominates the cost. It is therefore differentiated only along the sites on which it
         depends: along those that turn the body together, because they share the derivatives of the
-        attitude, and along each other one alone, for which the attitude has none, and shadows are
-        given. The derivatives of the scale and noise of each curve cost little.
+        attitude, and along each other one alone, for which attitude and shadows are given.
         """
         free = self.unravel(z)
         trace, _ = self._trace(free, data)

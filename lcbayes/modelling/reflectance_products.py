@@ -142,7 +142,7 @@ class ReflectanceProducts(Transform):
     def _log_area(self, log_rho: jax.Array) -> jax.Array:
         """ln A in m²."""
         area = jnp.array([one.area for one in self.reflectances])
-        return jnp.log(self.constant + jnp.sum(area * jnp.exp(log_rho)))
+        return jnp.log((self.constant or 0.0) + jnp.sum(area * jnp.exp(log_rho)))
 
     def tree_flatten(self):
         return (), ((), {"reflectances": self.reflectances, "constant": self.constant})

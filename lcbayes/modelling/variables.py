@@ -35,6 +35,7 @@ CARRIERS = frozenset(
         "calibration_sd_unit",
         "clock_offset_unit",
         "rate_drift_unit",
+        "rate_unit",
         "r_sum",
         "specular_share",
     }
@@ -83,6 +84,7 @@ UNITS = {
 }
 ENDINGS = {
     "_deg": "deg",
+    "_deg_s": "deg/s",
     "_rad_s": "rad/s",
     "_km_s": "km/s",
     "_h": "h",

@@ -343,7 +343,9 @@ def why(misfit: Misfit) -> str:
         return said + (evidence if examination.even else "")
     if examination.cause is not None:
         said += "; no single change of the model removes half of the excess of chi2"
-    return f"{said}; try more facets, another law or another body"
+    if misfit.facets:
+        return f"{said}; try more facets, another law or another body"
+    return f"{said}; try another law or another body, and check the times of every pass"
 
 
 def p_words(p_value: float, upper_limit: bool) -> str:

@@ -47,6 +47,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LISTED = 24  # quantities of a solution in the text, and values of one quantity
+# by their beginnings: the grids and matrices, and what the lines on the rotation say
+UNLISTED = ("coefficients", "scale", "log_", "attitude", "rate_deg_s")
 LEAST_WEIGHT_SD = 0.0005  # of a weight that is printed with its error
 SHOWN = ("extent_ab", "extent_bc", "ellipsoid_ab", "ellipsoid_bc", "inertia_tilt_deg")
 COLUMNS = ("mean", "sd", "q05", "q50", "q95", "rhat", "ess_bulk", "ess_tail")
@@ -168,11 +170,7 @@ class Fit(Result[FitContent]):
             yield f"  {q.words:{width}s} {shown:32s} {low} to {high}"
 
     def _parameters(self, parameters: Mapping[str, ParameterContent]) -> Iterator[str]:
-        rows = {
-            name: row
-            for name, row in parameters.items()
-            if not name.startswith(("coefficients", "scale", "log_"))
-        }
+        rows = {name: row for name, row in parameters.items() if not name.startswith(UNLISTED)}
         entries = Counter(name.partition("[")[0] for name in rows)
         # areas on a grid and offsets of many satellites are too many to list
         short = [name for name in rows if entries[name.partition("[")[0]] <= LISTED][:LISTED]

@@ -149,3 +149,5 @@ def test_words_advise_nothing_that_is_done():
         said = Misfit(300.0, 97.6, law).words
         assert f"as normal quantiles by --noise {law}, is 300 for 97.6 degrees" in said
         assert said.endswith("try more facets or another law")
+    known = Misfit(300.0, 97.6, "mixture", facets=False)
+    assert known.words.endswith("another body or another law")

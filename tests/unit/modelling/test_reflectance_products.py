@@ -8,7 +8,7 @@ import numpy as np
 import numpyro.distributions as dist
 import pytest
 
-from lcbayes.core.jax_setup import jax
+from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference.problem_cache import build_problem
 from lcbayes.modelling import registry
@@ -78,7 +78,7 @@ def test_ridge_is_straight(reflectances, constant):
     for x in points(reflectances, constant, seed=2, count=5):
         every = []
         for first in np.linspace(-4.0, 4.0, 9):
-            rho, size = read(reflectances, constant, np.asarray(made(np.append(first, x[1:]))))
+            rho, size = read(reflectances, constant, np.asarray(made(jnp.append(first, x[1:]))))
             low, high = (np.array([one[i] for one in reflectances]) for i in (0, 1))
             assert np.all((rho >= low) & (rho <= high))
             passed = [1.0 if one.above is None else 1.0 - rho[one.above] for one in reflectances]
@@ -95,7 +95,7 @@ def test_all_bodies_are_reached():
     for _ in range(200):
         rho = rng.uniform(low, high)
         y = np.append(rng.normal(0.0, 3.0), rho)
-        x = made.inv(y)
+        x = jnp.asarray(made.inv(y))
         assert np.all(np.isfinite(x))
         np.testing.assert_allclose(made(x), y, rtol=1e-8, atol=1e-8)
 

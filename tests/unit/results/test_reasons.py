@@ -138,6 +138,7 @@ def test_errors_are_named_where_no_change_of_the_model_explains_most(gain, even,
         1045.0, 101.8, "gaussian", examination=Examination(tests, [facet], 0.01, even=even)
     )
     assert says in why(misfit)
+    assert "more facets" not in why(misfit._replace(facets=False))
 
 
 def test_heavy_tails_are_named_before_errors_that_are_too_small():
