@@ -152,7 +152,7 @@ class Problem:
         free = dict(self.unravel(z))
         for name, change in changes.items():
             transform = self._transforms[(name,)]
-            free[name] = transform.inv(change(transform(free[name])))
+            free[name] = transform.inv(change(jnp.asarray(transform(free[name]))))
         return ravel_pytree(free)[0]
 
     def rows(self, names: Iterable[str]) -> NDArray[np.int64]:
@@ -422,7 +422,7 @@ def _joined(names: tuple[str, ...], values: Sites) -> jax.Array:
     return values[names[0]] if len(names) == 1 else jnp.stack([values[k] for k in names])
 
 
-def _separate(names: tuple[str, ...], value: jax.Array) -> Sites:
+def _separate(names: tuple[str, ...], value: Any) -> Sites:
     """The inverse of `_joined`."""
     return {names[0]: value} if len(names) == 1 else dict(zip(names, value, strict=True))
 
