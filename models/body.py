@@ -296,7 +296,9 @@ def coordinates(
     return products or None
 
 
-def _products(file: BodyFile, scale_sd: float | None) -> Coordinates:
+def _products(
+    file: BodyFile, scale_sd: float | None
+) -> dict[str | tuple[str, ...], ReflectanceProducts]:
     """Joint coordinates of reflectances, and of the size if the data fix their products with it.
 
     The prior sd of ln size is None for data without calibration.
