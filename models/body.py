@@ -393,7 +393,7 @@ def _start(start: phases.Start, file: BodyFile, surface: Surface, options, unit:
 
 
 def guide(problem, data: Epochs, **options):
-    """`held_shadows` where a gradient with moving shadows takes many times as long."""
+    """`held_shadows` if a gradient with moving shadows takes many times as long, else None."""
     file = read_body_text(options["body"], options.get("tolerance") or None)
     dear = file.body.assembly.shadow_cost > DEAR_SHADOWS
     return held_shadows(problem, data, **options) if dear else None

@@ -144,7 +144,7 @@ class Problem:
         self._body_order = np.argsort(np.concatenate([self._still, moved]))
 
     def ravel(self, sites: Sites) -> jax.Array:
-        """The flat unconstrained vector of constrained values, which may be more than needed."""
+        """The flat unconstrained vector of constrained values; those of other sites are ignored."""
         return ravel_pytree(self._free(sites))[0]
 
     def replaced(self, z: jax.Array, changes: Mapping[str, Callable[[jax.Array], jax.Array]]):

@@ -45,7 +45,7 @@ class Reflectance(NamedTuple):
 
 
 class _Span(NamedTuple):
-    """An interval [start, start + width], a point of which is at the share σ(u)."""
+    """An interval [start, start + width], whose points are start + width σ(u)."""
 
     start: jax.Array
     width: jax.Array
@@ -56,7 +56,7 @@ class _Span(NamedTuple):
     def log_slope(self, u: jax.Array) -> jax.Array:
         return jnp.log(self.width) + jax.nn.log_sigmoid(u) + jax.nn.log_sigmoid(-u)
 
-    def place(self, value: jax.Array) -> jax.Array:
+    def free(self, value: jax.Array) -> jax.Array:
         share = jnp.clip((value - self.start) / self.width, EDGE, 1.0 - EDGE)
         return jnp.log(share) - jnp.log1p(-share)
 
@@ -66,8 +66,8 @@ class ReflectanceProducts(Transform):
 
     The light curve of a body of κ times its size fixes the products κ ρ_j, and κ only within the
     ranges of the reflectances: a ridge along which each ρ_j falls as 1/κ, curved in any functions
-    of the ρ_j alone. Here w_j = ln κ ρ_j depends on u₁ … u_j only, and u₀ is the place of ln κ in
-    the span in which all ρ_j = exp(w_j)/κ are inside their ranges,
+    of the ρ_j alone. Here w_j = ln κ ρ_j depends on u₁ … u_j only, and u₀ places ln κ in the span
+    in which all ρ_j = exp(w_j)/κ are inside their ranges,
 
         ln κ = a + (b − a) σ(u₀),   a = max_j (w_j − ln high_j),   b = min_j (w_j − ln low_j),
 
@@ -99,9 +99,9 @@ class ReflectanceProducts(Transform):
 
     def _values(self, x: jax.Array) -> tuple[jax.Array, jax.Array]:
         """The sites, and ln |∂ sites/∂x|."""
-        places = x[1:] if self.constant is not None else jnp.concatenate([jnp.zeros(1), x[1:]])
+        free = x[1:] if self.constant is not None else jnp.concatenate([jnp.zeros(1), x[1:]])
         log_det, products, inside = jnp.zeros(()), [], None
-        for u, one in zip(places, self.reflectances, strict=True):
+        for u, one in zip(free, self.reflectances, strict=True):
             above = None if one.above is None else products[one.above]
             span = _left(inside, one, above)
             products.append(u if span is None else span.at(u))
@@ -110,7 +110,7 @@ class ReflectanceProducts(Transform):
         size = x[0] if inside is None else inside.at(x[0])
         log_det += 0.0 if inside is None else inside.log_slope(x[0])
         log_rho = jnp.stack(products) - size
-        log_rho -= self._passed(log_rho)
+        log_rho -= self._log_transmitted(log_rho)
         bounded = np.array([one.bounded for one in self.reflectances])
         sites = jnp.where(bounded, jnp.exp(log_rho), log_rho)
         log_det += jnp.sum(jnp.where(bounded, log_rho, 0.0))
@@ -123,18 +123,18 @@ class ReflectanceProducts(Transform):
         every = zip(sites, self.reflectances, strict=True)
         log_rho = jnp.stack([jnp.log(v) if one.bounded else v for v, one in every])
         size = -log_rho[0] if self.constant is None else y[0] - self._log_area(log_rho)
-        products = log_rho + size + self._passed(log_rho)
-        places, inside = [], None
+        products = log_rho + size + self._log_transmitted(log_rho)
+        free, inside = [], None
         for w, one in zip(products, self.reflectances, strict=True):
             above = None if one.above is None else products[one.above]
             span = _left(inside, one, above)
-            places.append(w if span is None else span.place(w))
+            free.append(w if span is None else span.free(w))
             inside = _narrowed(inside, one, w, above)
-        first = size if inside is None else inside.place(size)
-        return jnp.stack([first, *places[self.constant is None :]])
+        first = size if inside is None else inside.free(size)
+        return jnp.stack([first, *free[self.constant is None :]])
 
-    def _passed(self, log_rho: jax.Array) -> jax.Array:
-        """ln (1 − r) of the layers above, (J,)."""
+    def _log_transmitted(self, log_rho: jax.Array) -> jax.Array:
+        """ln (1 − r) of the layer above each reflectance, (J,)."""
         above = (one.above for one in self.reflectances)
         rho = [0.0 if k is None else jnp.exp(log_rho[k]) for k in above]
         return jnp.log1p(-jnp.stack(rho))

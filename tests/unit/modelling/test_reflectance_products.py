@@ -9,12 +9,12 @@ import numpyro.distributions as dist
 import pytest
 
 from lcbayes.core.jax_setup import jax, jnp
-from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference.problem_cache import build_problem
 from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import compiled
 from lcbayes.modelling.reflectance_products import Reflectance, ReflectanceProducts
+from tests.helpers.small_curves import curve
 
 UNIFORM = (Reflectance(0.1, 0.7, 9.0), Reflectance(0.01, 0.2, 7.0), Reflectance(0.05, 0.9, 3.0))
 MIXED = (Reflectance(0.0, np.inf, 2.0), *UNIFORM, Reflectance(0.0, 0.6, 4.0))
@@ -25,6 +25,7 @@ LAYERED = (
     Reflectance(0.01, 0.2, 7.0, 1),
     Reflectance(0.1, 0.7, 7.0),
 )
+PLATE = {"body": "plate", "spin": "free"}
 CASES = [
     (LAYERED, 0.0),
     (LAYERED, None),
@@ -100,48 +101,11 @@ def test_all_bodies_are_reached():
         np.testing.assert_allclose(made(x), y, rtol=1e-8, atol=1e-8)
 
 
-BODY = """
-[body]
-[[body.parts]]
-kind = "box"
-x = 1.0
-y = 2.0
-z = 3.0
-material = "paint"
-[[body.parts]]
-kind = "plate"
-x = 1.0
-y = 1.0
-position = [3.0, 0.0, 0.0]
-material = "foil"
-[materials.paint]
-law = "ashikhmin-shirley"
-r_diff = { low = 0.1, high = 0.9 }
-r_spec = { low = 0.02, high = 0.5 }
-nu = 20.0
-[materials.foil]
-law = "lambertian"
-r_diff = { low = 0.2, high = 0.6 }
-"""
-
-
 @pytest.mark.parametrize("free", [False, True])
 def test_density_of_the_model_differs_by_the_jacobian(free):
     """From NumPyro's coordinates to these, by differences."""
-    rng = np.random.default_rng(2)
-    t = np.linspace(0.0, 300.0, 12)
-    light = LightCurve(
-        t=t,
-        brightness=rng.uniform(1.0, 2.0, t.size),
-        error=np.full(t.size, 0.1),
-        sun=np.tile([1.0, 0.0, 0.0], (t.size, 1)),
-        obs=np.tile([0.6, 0.8, 0.0], (t.size, 1)),
-        frame="icrs",
-        kind="flux",
-        free_scale=np.array([free]),
-    )
-    entry, data = registry.find("body"), Epochs.of(light)
-    plain, other = build_problem(entry, entry.check({"body": BODY, "spin": "free"}), data)
+    entry, data = registry.find("body"), Epochs.of(curve(12, free_scale=np.array([free])))
+    plain, other = build_problem(entry, entry.check(PLATE), data)
     across = jax.jit(lambda z: other.ravel(plain.constrain(z, data)))
     for seed in range(3):
         z = np.asarray(plain.prior_draw(jax.random.key(seed), data))
@@ -152,20 +116,9 @@ def test_density_of_the_model_differs_by_the_jacobian(free):
 
 
 def test_replaced_priors_keep_their_own_coordinates():
-    light = LightCurve(
-        t=np.arange(5.0),
-        brightness=np.ones(5),
-        error=np.full(5, 0.1),
-        sun=np.tile([1.0, 0.0, 0.0], (5, 1)),
-        obs=np.tile([0.6, 0.8, 0.0], (5, 1)),
-        frame="icrs",
-        kind="flux",
-        free_scale=np.array([False]),
-    )
-    entry, data = registry.find("body"), Epochs.of(light)
-    options = entry.check({"body": BODY, "spin": "free"})
-    wide = entry.with_priors({"paint_r_diff": dist.Beta(2.0, 5.0)})
-    _, other = build_problem(wide, options, data)
+    entry, data = registry.find("body"), Epochs.of(curve(12, free_scale=np.array([False])))
+    wide = entry.with_priors({"front_r_diff": dist.Beta(2.0, 5.0)})
+    _, other = build_problem(wide, entry.check(PLATE), data)
     z = np.zeros(other.dim)
-    z[other.rows(["paint_r_diff"])] = 5.0  # outside the range of the body's file
-    assert compiled(other.constrain)(z, data)["paint_r_diff"] > 0.9
+    z[other.rows(["front_r_diff"])] = 5.0  # outside the range of the body's file
+    assert compiled(other.constrain)(z, data)["front_r_diff"] > 0.9
