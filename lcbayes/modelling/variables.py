@@ -97,9 +97,14 @@ NOISE = ("sigma", "noise")
 BRIGHTNESS = ("brightness", "expected", "error")  # of the light curve
 
 
+def is_albedo_area(name: str) -> bool:
+    """Whether a variable is an albedo-area of facets or of a material."""
+    return name.endswith("albedo_area") and not name.startswith("log_")
+
+
 def is_area(name: str) -> bool:
-    """Whether a variable is an area or albedo-area of facets or of a material."""
-    return name == "area" or (name.endswith("albedo_area") and not name.startswith("log_"))
+    """Whether a variable is an area or albedo-area."""
+    return name == "area" or is_albedo_area(name)
 
 
 def unit(name: str, *, relative: bool, magnitude: bool) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 from lcbayes.core.errors import InputError
 from lcbayes.core.files import write_json
 from lcbayes.core.version import installed_version
-from lcbayes.modelling.variables import SPIN
+from lcbayes.modelling.variables import SPIN, is_albedo_area
 from lcbayes.results.catalogue import FAILED, NOT_TRUSTED, TRUSTED
 from lcbayes.results.draws import weighted_draws
 from lcbayes.tasks.batch.objects import Object
@@ -107,7 +107,7 @@ def _row(one: Object, result: Fit, seconds: float) -> dict[str, Any]:
     for key in SPIN:
         if key in parameters:
             row[key], row[f"{key}_sd"] = parameters[key]["mean"], parameters[key]["sd"]
-    if areas := [name for name in result.posterior if str(name).endswith("albedo_area")]:
+    if areas := [name for name in result.posterior if is_albedo_area(str(name))]:
         drawn = weighted_draws(result.posterior, seed=summary["seed"])[areas]
         own = (x.sum([d for d in x.dims if d not in ("chain", "draw")]) for x in drawn.values())
         total = np.sum([x.to_numpy() for x in own], axis=0)
