@@ -1,10 +1,12 @@
 """A convex body on a fixed grid of normals that rotates about a fixed pole: the asteroid model."""
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 import numpyro
 import numpyro.distributions as dist
+from jax.scipy.linalg import solve_triangular
 from numpyro.distributions import constraints
 from numpyro.distributions.transforms import (
     AffineTransform,
@@ -17,6 +19,7 @@ from lcbayes.core.constants import HOUR_S
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.modelling import likelihood, nuisances, priors
 from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.expansion import Expansion
 from lcbayes.modelling.moments import MomentCoordinates
 from lcbayes.modelling.relief import EllipsoidWithRelief
 from lcbayes.physics import brightness, photometry
@@ -28,6 +31,7 @@ LAW = "lommel-seeliger-lambert"
 SPHERE = 8.0  # Σα of a sphere with flux 1 at zero phase angle and c = 0: ∫ μ/2 dΩ = π/2
 CLOSURE_SD = 0.01
 MOMENT_DEGREE = 4  # highest degree of the moments that the data constrain; see `coordinates`
+LIKELY, LIKELY_SD = 400, 1.5  # draws about a solution, and their width in posterior sd
 COARSER = {"n_quadrature": 300}  # for the search
 LOG_LAMBERT = (np.log(0.1), 0.5)
 MIN_LAMBERT = 0.03
@@ -104,11 +108,9 @@ def model(
     """
     normals, harmonics, log_weights = grid(n_quadrature, degree)
     pole = priors.directions("pole", 1)[0]
-    tilt = rotations.brought_to(pole)
     priors.pole_angles(pole)
-    period_s = period * HOUR_S
     shift = jnp.asarray(numpyro.sample("period_shift", dist.Normal(0.0, 1.0)))
-    period_s = period_s + shift * period_s**2 / (2.0 * data.t_span)
+    period_s = _period_s(data, period, shift)
     numpyro.deterministic("period_h", period_s / HOUR_S)
 
     shape = EllipsoidWithRelief(degree)
@@ -119,21 +121,92 @@ def model(
     lambert = jnp.exp(numpyro.sample("log_lambert_c", dist.Normal(*LOG_LAMBERT)))
     numpyro.deterministic("lambert_c", lambert)
     size, surface = calibration(data, lambert) if data.calibrated else (1.0, 1.0)
-    area = SPHERE * size * share
     _, coarse, log_coarse = grid(n_facets, degree)
     reported = jax.nn.softmax(coarse @ coefficients + log_coarse)
     numpyro.deterministic("albedo_area", SPHERE * size * reported)
 
+    if data.expansion is None:
+        flux = _light(data, normals, pole, period_s, SPHERE * share, lambert)
+    else:
+        flux = data.expansion(_motion(pole, shift, data.expansion.axes), SPHERE * share, lambert)
+    zero_point = nuisances.ZeroPointPrior(zero_point_sd)
+    flux = surface * size * flux
+    likelihood.observe(data, flux, noise_law, scatter, False, zero_point, correlated_noise)
+
+
+def _period_s(data: Epochs, period: float, shift: jax.Array) -> jax.Array:
+    period_s = period * HOUR_S
+    return period_s + shift * period_s**2 / (2.0 * data.t_span)
+
+
+def _light(data: Epochs, normals, pole, period_s, area, lambert) -> jax.Array:
+    """Flux of all facets, without the phase law, (T,)."""
+    tilt, n = rotations.brought_to(pole), jnp.asarray(normals)
+
     def instantaneous(t):
         rotation = rotations.spinning(t - data.t_middle, tilt, period_s)
         sun, obs = rotations.to_body(rotation, data.sun), rotations.to_body(rotation, data.obs)
-        n = jnp.asarray(normals)
         return brightness.flux(sun, obs, n, area, LAW, lambert, single_slopes=True)
 
     mean = photometry.exposed(instantaneous, data.exposure_s)
-    flux = surface * (mean if data.has_exposure else instantaneous)(data.t)
-    zero_point = nuisances.ZeroPointPrior(zero_point_sd)
-    likelihood.observe(data, flux, noise_law, scatter, False, zero_point, correlated_noise)
+    return (mean if data.has_exposure else instantaneous)(data.t)
+
+
+def _motion(pole: jax.Array, shift: jax.Array, axes: jax.Array) -> jax.Array:
+    """Tangents of the pole's angles from the last of the axes (3, 3), as columns, and the shift."""
+    x, y, z = pole @ axes
+    return jnp.stack([x / z, y / z, shift])
+
+
+def guide(
+    problem,
+    data: Epochs,
+    *,
+    period: float,
+    n_quadrature: int = 600,
+    degree: int = 6,
+    **options,  # noqa: ARG001
+):
+    """Point (D,) -> epochs whose brightness is expanded about it.
+
+    A gradient then takes a sixth of the time, and ln posterior is wrong by a quarter of a nat (sd
+    over the posterior of 43 Ariadne), which the exact density corrects.
+    """
+    normals, harmonics, log_weights = grid(n_quadrature, degree)
+
+    @jax.jit
+    def about(z: jax.Array, epochs: Epochs) -> Epochs:
+        axes = rotations.brought_to(_pole(problem.constrain(z, epochs)))
+
+        def parts(z: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+            sites = problem.constrain(z, epochs)
+            share = jax.nn.softmax(harmonics @ sites["coefficients"] + log_weights)
+            motion = _motion(_pole(sites), sites["period_shift"], axes)
+            return motion, SPHERE * share, sites["lambert_c"]
+
+        def light(motion: jax.Array, area: jax.Array, lambert: jax.Array) -> jax.Array:
+            x, y, shift = motion
+            pole = axes @ jnp.stack([x, y, jnp.ones(())])
+            pole = pole / jnp.linalg.norm(pole)
+            period_s = _period_s(epochs, period, shift)
+            return _light(epochs, normals, pole, period_s, area, lambert)
+
+        root = jnp.linalg.cholesky(problem.fisher(z, epochs))  # F = root rootᵀ
+        along = solve_triangular(root, jax.jacrev(lambda z: parts(z)[0])(z).T, lower=True)
+        widths = jnp.linalg.norm(along, axis=0)
+        unit = LIKELY_SD * jax.random.normal(jax.random.key(0), (LIKELY, z.size))
+        drawn = z + solve_triangular(root, unit.T, lower=True, trans=1).T
+        at, likely = parts(z), jax.lax.map(parts, drawn)
+        # The coordinates of some draws may be those of no body.
+        likely = jax.tree.map(lambda x, y: jnp.where(jnp.isfinite(x), x, y), likely, at)
+        return replace(epochs, expansion=Expansion.of(light, at, likely, widths, axes, normals))
+
+    return lambda z: about(jnp.asarray(z), data)
+
+
+def _pole(sites) -> jax.Array:
+    base = sites["pole_base"][0]
+    return base / jnp.linalg.norm(base)
 
 
 def typical(data: Epochs) -> jax.Array:

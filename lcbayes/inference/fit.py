@@ -14,11 +14,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lcbayes.core.blocks import in_blocks
 from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Silent
 from lcbayes.core.reasons import Finding
+from lcbayes.core.threads import threads
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference import (
     correlation,
@@ -64,6 +66,7 @@ from lcbayes.samplers.settings import NUTS, PARTICLES, Settings
 from lcbayes.samplers.tempering_path import time_ordered
 
 Floats = NDArray[np.float64]
+ROWS = 256  # draws together
 BRIDGE_ESS = 200.0  # effective number of draws per solution in the error of its weight
 
 
@@ -481,7 +484,11 @@ def _potential(problem: Problem, whitening, data: Epochs, order: FacetOrder, ref
     def potential(y: Floats) -> Floats:
         z = whitening.centre + y @ whitening.factor.T
         inside = np.all(order.like_all(z, reference) == z, axis=1)
-        return np.where(inside, np.asarray(_potentials(problem, y, whitening, data)), np.inf)
+        with threads(os.cpu_count() or 1) as pool:
+            every = in_blocks(
+                lambda rows: _potentials(problem, rows, whitening, data), ROWS, y, over=pool.map
+            )
+        return np.where(inside, every, np.inf)
 
     return potential
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from functools import partial
 
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from lcbayes.core.blocks import in_blocks
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.threads import threads
 from lcbayes.geometry.spherical import unwrapped
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import FLUX, OUTLIER
@@ -21,13 +23,15 @@ Floats = NDArray[np.float64]
 
 PER_EPOCH = ("expected", FLUX, OUTLIER, SUN, OBS, LIT, RESPONSE)
 ROWS = 256  # draws together
+VALUES = 10_000  # epochs times draws in one batch, so that its arrays stay in the cache
 CIRCLES = {"phi": 2 * np.pi, "pole_lon_deg": 360.0}
 
 
 def constrain_draws(problem: Problem, z: Floats, data: Epochs) -> dict[str, NDArray]:
     """Every site at draws z (C, S, D), except sites with one value per epoch."""
     flat = z.reshape(-1, z.shape[-1])
-    sites = in_blocks(lambda rows: _constrained(problem, rows, data), ROWS, flat)
+    with threads(os.cpu_count() or 1) as pool:
+        sites = in_blocks(lambda rows: _constrained(problem, rows, data), ROWS, flat, over=pool.map)
     return {k: v.reshape(*z.shape[:2], *v.shape[1:]) for k, v in sites.items()}
 
 
@@ -50,4 +54,5 @@ def _constrained(problem: Problem, rows: Floats, data: Epochs) -> Sites:
         sites = problem.constrain(row, data)
         return {k: v for k, v in sites.items() if k not in PER_EPOCH}
 
-    return jax.lax.map(one, jnp.asarray(rows), batch_size=32)
+    together = int(np.clip(VALUES // data.t.size, 1, 32))
+    return jax.lax.map(one, jnp.asarray(rows), batch_size=together)

@@ -16,6 +16,7 @@ from lcbayes.data.segments import PASS, pass_numbers, split
 from lcbayes.geometry import earth
 from lcbayes.geometry.times import seconds_between
 from lcbayes.modelling.ephemeris import ephemeris
+from lcbayes.modelling.expansion import Expansion
 from lcbayes.modelling.pass_effects import Passes
 from lcbayes.physics import photometry
 from lcbayes.physics.attitude.laws import Ephemeris
@@ -96,6 +97,8 @@ class Epochs:
         Power to which the likelihood of a point is raised; 1 for independent errors.
     visible : (T, N) or None
         Lit and seen share of each panel of a known body, where shadows are fixed (`models.body`).
+    expansion : Expansion or None
+        The brightness about one solution, in place of that of all facets (`models.convex_grid`).
     kind : "flux" or "mag"
     has_error, has_exposure : bool
     free_scale : (C,) bools
@@ -145,6 +148,7 @@ class Epochs:
     obs_rate: jax.Array
     information: jax.Array
     visible: jax.Array | None = None
+    expansion: Expansion | None = None
     kind: str = _static("flux")
     has_error: bool = _static(True)
     has_exposure: bool = _static(False)

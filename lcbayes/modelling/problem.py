@@ -203,10 +203,7 @@ class Problem:
 
     @_once
     def log_factors(self, z: jax.Array, data: Epochs) -> jax.Array:
-        """ln of the model's further factors on the prior of `prior_draw`, without the brightness.
-
-        They include the visibility of facets and additional conditions.
-        """
+        """ln of the model's factors besides the prior and the brightness, such as visibility."""
         trace, _ = self._trace(z, data)
         return sum(
             (
@@ -218,10 +215,7 @@ class Problem:
         )
 
     def log_prior(self, z: jax.Array, data: Epochs) -> Sites:
-        """ln of the prior density of each latent site, in the units of the model.
-
-        The complete prior also includes `log_factors`.
-        """
+        """ln of the prior density of each latent site in its unit, without `log_factors`."""
         trace, _ = self._trace(z, data)
         return {
             k: jnp.sum(trace[k]["fn"].log_prob(trace[k]["value"]) * _power(trace[k]))
@@ -282,9 +276,12 @@ class Problem:
         return fn.log_cdf(mirrored) if isinstance(fn, dist.Normal) else jnp.log(fn.cdf(mirrored))
 
     @_once
-    def log_likelihood(self, z: jax.Array, data: Epochs) -> jax.Array:
-        """Log-likelihood of each point at full weight, (T,)."""
-        site = self._trace(z, data)[0][OBSERVED]
+    def log_likelihood(
+        self, z: jax.Array, data: Epochs, flux: jax.Array | None = None
+    ) -> jax.Array:
+        """Log-likelihood of each point at full weight, (T,), for a flux that is known or not."""
+        with TRACING, handlers.substitute(data={} if flux is None else {FLUX: flux}):
+            site = self._trace(z, data)[0][OBSERVED]
         return site["fn"].log_prob(site["value"])
 
     @_once
@@ -301,12 +298,14 @@ class Problem:
         """The flux that the model passes to `likelihood.observe`, at constrained values, (T,)."""
         return self.trace(sites, data)[FLUX]["value"]
 
-    def replicate(self, z: jax.Array, data: Epochs, key: jax.Array) -> jax.Array:
+    def replicate(
+        self, z: jax.Array, data: Epochs, key: jax.Array, sites: Sites | None = None
+    ) -> jax.Array:
         """A posterior predictive draw of the data given z, independent between points, (T,).
 
-        Zero points and nutation are drawn given z and the data.
+        Zero points and nutation are drawn given z and the data. ``sites`` are those of `constrain`.
         """
-        sites = self.constrain(z, data)
+        sites = self.constrain(z, data) if sites is None else sites
         faults = drawn_jointly(sites, jax.random.fold_in(key, 1))
         changed = {FLUX: sites[FLUX]}  # not computed again
         if faults.nutation is not None:

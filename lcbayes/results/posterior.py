@@ -28,7 +28,7 @@ from lcbayes.inference.loo import loo, without_tail
 from lcbayes.inference.prior_mass import prior_sample
 from lcbayes.modelling.constrained import constrain_draws
 from lcbayes.modelling.epochs import Epochs
-from lcbayes.modelling.likelihood import OBSERVED, OUTLIER
+from lcbayes.modelling.likelihood import FLUX, OBSERVED, OUTLIER
 from lcbayes.modelling.nuisances import INTEGRATED_OUT, drawn
 from lcbayes.modelling.nutation import AMOUNTS
 from lcbayes.modelling.problem import Problem, Sites
@@ -88,7 +88,7 @@ METRIC = {
     "nuts": "Fisher information at the solution, times a diagonal mass matrix from the warm-up",
     "facet-moves": "Fisher information at a point drawn proposal_scale posterior widths from each "
     "draw, in turn with moves of single facets",
-    "guided": "that of ahmc, along the posterior with fixed shadows",
+    "guided": "that of nuts, along a cheaper density",
     "ahmc": "Fisher information at a point drawn proposal_scale posterior widths from each draw; "
     "where proposal_scale is inf, the inverse covariance of the warm-up",
     "ahmc-paper": "Fisher information at the start of each trajectory",
@@ -299,7 +299,9 @@ def _predictions(problem: Problem, z: Floats, data: Epochs, seed: int) -> tuple[
 def _predicted(problem: Problem, rows: jax.Array, keys: jax.Array, data: Epochs):
     def one(args: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
         row, key = args
-        return problem.log_likelihood(row, data), problem.replicate(row, data, key)
+        sites = problem.constrain(row, data)
+        replicate = problem.replicate(row, data, key, sites)
+        return problem.log_likelihood(row, data, sites[FLUX]), replicate
 
     return jax.lax.map(one, (rows, keys))
 

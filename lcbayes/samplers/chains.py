@@ -27,7 +27,7 @@ from lcbayes.samplers.settings import FACET_MOVES, GUIDED
 Floats = NDArray[np.float64]
 
 SPREAD = 0.3
-GUIDED_ACCEPT = 0.95  # by the guide, whose short steps are cheap
+ACCEPT = 0.85  # aim of NUTS
 DEPTH = 8  # maximum tree depth of NUTS: at most 2⁸ steps
 INVERSE_MASS = "inverse_mass_matrix"
 FIELDS = ("diverging", "energy", "potential_energy", "accept_prob", "num_steps")
@@ -60,6 +60,11 @@ class Whitening(NamedTuple):
         every = [metric.variance(jnp.asarray(_fisher(problem, z, data))) for z in starts]
         return cls(np.asarray(starts[0]), np.diag(np.sqrt(np.median(every, axis=0))))
 
+    @classmethod
+    def point(cls, z: Floats) -> Whitening:
+        """A single point z (D,)."""
+        return cls(z, np.zeros((z.size, z.size)))
+
     def __call__(self, y: jax.Array) -> jax.Array:
         return self.centre + self.factor @ y
 
@@ -74,14 +79,17 @@ def _fisher(problem: Problem, z: Floats, data: Epochs) -> Floats:
     return 0.5 * (found + found.T)
 
 
-def whitened_model(problem: Problem) -> Callable[[Whitening, Epochs], None]:
-    """The posterior as a NumPyro model of y, for kernels that require a model."""
+def whitened_model(problem: Problem) -> Callable[..., None]:
+    """The posterior as a NumPyro model of y, for kernels that require a model.
 
-    def model(whitening: Whitening, data: Epochs) -> None:
+    With a guide, it is that of the last of the given epochs.
+    """
+
+    def model(whitening: Whitening, *epochs: Epochs) -> None:
         flat = dist.ImproperUniform(constraints.real_vector, (), (problem.dim,))
         y = jnp.asarray(numpyro.sample("y", flat))
         with handlers.block():  # hides the sites of the inner model
-            density = -problem.potential(whitening(y), data)
+            density = -problem.potential(whitening(y), epochs[-1])
         numpyro.factor("posterior", density)
 
     return model
@@ -90,8 +98,9 @@ def whitened_model(problem: Problem) -> Callable[[Whitening, Epochs], None]:
 def kernel(problem: Problem, sampler: str = "nuts") -> MCMCKernel:
     """The kernel of a name in `settings.WARMUP`, over {"y": (D,)} given (whitening, data), and, for
     `FACET_MOVES`, the moves, for `GUIDED`, the epochs of the guide."""
+    nuts = {"max_tree_depth": DEPTH, "target_accept_prob": ACCEPT}
     if sampler == "nuts":
-        return NUTS(whitened_model(problem), max_tree_depth=DEPTH, target_accept_prob=0.85)
+        return NUTS(whitened_model(problem), **nuts)
 
     def potential(z: Sites, whitening: Whitening, data: Epochs, *_) -> jax.Array:
         return problem.potential(whitening(z["y"]), data)
@@ -103,14 +112,8 @@ def kernel(problem: Problem, sampler: str = "nuts") -> MCMCKernel:
     def moved(key: jax.Array, z: Sites, whitening: Whitening, data: Epochs, moves) -> Sites:
         return {"y": whitening.inverse(moves(key, whitening(z["y"]), data))}
 
-    def guide(z: Sites, whitening: Whitening, _: Epochs, about: Epochs) -> jax.Array:
-        return potential(z, whitening, about)
-
-    def guide_fisher(z: Sites, whitening: Whitening, _: Epochs, about: Epochs) -> jax.Array:
-        return fisher(z, whitening, about)
-
     if sampler == GUIDED:
-        return Guided(guide, potential, fisher_fn=guide_fisher, target_accept_prob=GUIDED_ACCEPT)
+        return Guided(whitened_model(problem), potential, **nuts)
     if sampler == FACET_MOVES:
         return alternating.Alternating(potential, fisher, moved)
     kinds = {

@@ -19,7 +19,7 @@ from lcbayes.core.progress import Track
 from lcbayes.core.threads import threads
 from lcbayes.modelling.constrained import quantities
 from lcbayes.modelling.epochs import Epochs
-from lcbayes.modelling.problem import Problem
+from lcbayes.modelling.problem import Problem, compiled
 from lcbayes.samplers import chains, convergence
 from lcbayes.samplers.facet_moves import FacetMoves
 from lcbayes.samplers.settings import AUTO, FACET_MOVES, GUIDED, MAX_DRAWS, NUTS, Settings
@@ -110,13 +110,23 @@ class Sampler:
         assert s.num_warmup is not None  # set by `Settings`
         return -(-s.num_warmup // BLOCK), -(-s.num_samples // BLOCK)
 
+    @property
+    def _pilot_blocks(self) -> int:
+        """Blocks of warm-up of NUTS in the coordinates of the optimum; 0 for other kernels."""
+        return self.n_blocks[0] // 3 if self.settings.sampler in (NUTS, GUIDED) else 0
+
+    @property
+    def _adapted(self) -> int:
+        """Number of draws by which a kernel adapts its parameters."""
+        return (self.n_blocks[0] - self._pilot_blocks) * BLOCK
+
     def prepare(self, data: Epochs, timing: Timing) -> None:
         """Compile the programs of the chains for data of this shape, before there is a start."""
-        if self.guide is None:  # the epochs of a guide depend on the start
-            dim = self.problem.dim
-            whitening = chains.Whitening(np.zeros(dim), np.eye(dim))
-            args = (whitening, data, *self._further(data))
-            self._compile(jax.random.key(0), self.n_blocks[0] * BLOCK, args, timing)
+        dim = self.problem.dim
+        whitening = chains.Whitening(np.zeros(dim), np.eye(dim))
+        about = data if self.guide is None else jax.eval_shape(self.guide, whitening.centre)
+        args = (whitening, data, *self._further(about))
+        self._compile(jax.random.key(0), self._adapted, args, timing)
 
     def run(
         self,
@@ -130,7 +140,9 @@ class Sampler:
     ) -> Chains:
         """Draws about the solution of which ``starts`` (n, D) are optima, the best first.
 
-        The chains begin at the optima in turn, so that R-hat tells whether they mix.
+        The chains begin at the optima in turn, so that R-hat tells whether they mix. After a part
+        of its warm-up NUTS starts again, in coordinates that are whitened at the mean of the draws,
+        since the widths at an optimum may not be those of the posterior.
 
         If `num_samples` draws do not suffice for convergence, the chains are extended, up to
         `most_samples`. If more NUTS transitions have diverged than all requested draws may contain,
@@ -142,9 +154,12 @@ class Sampler:
         args = (whitening, data, *self._further(about))
         warmup_blocks, sample_blocks = self.n_blocks
         per_block = self.settings.num_chains * BLOCK
-        halvings = HALVINGS if self.settings.sampler == NUTS else 0
-        start, advance = self._compile(key, warmup_blocks * BLOCK, args, timing)
+        halvings = HALVINGS if self.settings.sampler in (NUTS, GUIDED) else 0
+        start, advance = self._compile(key, self._adapted, args, timing)
         keys = jax.random.split(key, self.settings.num_chains)
+
+        def chain(key, near):
+            return _to_host(start(key, near, args))
 
         def block(state):
             return _to_host(advance(_to_device(state), args))
@@ -152,9 +167,15 @@ class Sampler:
         with threads(self.workers) as pool:
             some = starts[: self.settings.num_chains]
             near = itertools.cycle([chains.Whitening.at(self.problem, z, about) for z in some])
-            states = list(pool.map(lambda k, n: _to_host(start(k, n, args)), keys, near))
+            states = list(pool.map(chain, keys, near))
             blocks, first, end = [], warmup_blocks, warmup_blocks + sample_blocks
             while (i := len(blocks)) < end:
+                if i == self._pilot_blocks > 0:
+                    whitening, about = self._at_mean(blocks[-1], whitening, about, data)
+                    args = (whitening, data, *self._further(about))
+                    near = [chains.Whitening.point(z[-1]) for z in blocks[-1]["z"]]
+                    keys = jax.vmap(jax.random.fold_in, (0, None))(keys, i)
+                    states = list(pool.map(chain, keys, near))
                 stored = checkpoint.load(f"{name}-{i:04d}")
                 if stored is None:
                     begun = time.monotonic()
@@ -181,7 +202,7 @@ class Sampler:
                     first, end = len(blocks), len(blocks) + sample_blocks
                 elif len(blocks) == end:
                     draws = np.concatenate([b["z"] for b in kept], axis=1)
-                    length = self._required_length(self._in_order(draws, starts[0]), data)
+                    length = self._required_length(self._in_order(draws, starts[0]), about)
                     more = first + -(-length // BLOCK) - end
                     track.more(per_block * more)
                     end += more
@@ -220,6 +241,22 @@ class Sampler:
         if self.moves is None:
             return chains.Whitening.at(self.problem, starts[0], data)
         return chains.Whitening.along_axes(self.problem, starts[:OPTIMA], data)
+
+    def _at_mean(
+        self, block: dict[str, NDArray], whitening: chains.Whitening, about: Epochs, data: Epochs
+    ) -> tuple[chains.Whitening, Epochs]:
+        """The whitening and the epochs of the guide at the mean of the second half of a block.
+
+        They are the former ones if the density at the mean is not above that of most draws: of a
+        posterior that is bent, or of several peaks, the mean is no place to be.
+        """
+        late = slice(BLOCK // 2, None)
+        mean = block["z"][:, late].mean(axis=(0, 1))
+        typical = np.median(block["potential_energy"][:, late])
+        if not float(compiled(self.problem.potential)(jnp.asarray(mean), about)) < typical:
+            return whitening, about
+        about = data if self.guide is None else self.guide(mean)
+        return chains.Whitening.at(self.problem, mean, about), about
 
     def _in_order(self, draws: Floats, reference: Floats) -> Floats:
         """Draws (C, S, D) with exchangeable facets in the order of the reference (D,)."""

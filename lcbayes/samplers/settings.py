@@ -14,7 +14,7 @@ WARMUP = {
     AUTO: 200,
     NUTS: 200,
     FACET_MOVES: 200,
-    GUIDED: 600,
+    GUIDED: 200,
     "ahmc": 600,
     "ahmc-paper": 600,
     "hmc": 600,

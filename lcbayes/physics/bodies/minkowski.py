@@ -251,16 +251,15 @@ def _faces(normals: Floats, body: _Cut) -> tuple[Floats, list[NDArray[np.integer
     )
     vertices, same = body.corners[first], same.ravel()
     # each vertex once for each facet that meets there, by facet
-    meet = np.unique(
+    facet, vertex = np.unique(
         np.stack([body.around, np.repeat(same[:, None], 3, axis=1)], -1).reshape(-1, 2), axis=0
-    )
-    every = np.split(meet[:, 1], np.searchsorted(meet[:, 0], np.arange(1, len(normals))))
-    faces = []
-    for normal, face in zip(normals, every, strict=True):
-        if len(face) < 3:
-            faces.append(face[:0])
-            continue
-        spokes = vertices[face] - vertices[face].mean(axis=0)
-        upward = np.cross(normal, spokes[0])
-        faces.append(face[np.argsort(np.arctan2(spokes @ upward, spokes @ spokes[0]))])
-    return vertices, faces
+    ).T
+    found, begin, number = np.unique(facet, return_index=True, return_counts=True)
+    middle = np.add.reduceat(vertices[vertex], begin) / number[:, None]
+    spokes = vertices[vertex] - np.repeat(middle, number, axis=0)
+    ahead = spokes[begin]
+    upward = np.cross(normals[found], ahead)
+    x, y = (np.sum(spokes * np.repeat(v, number, axis=0), axis=1) for v in (ahead, upward))
+    ordered = vertex[np.lexsort((np.arctan2(y, x), facet))]
+    every = np.split(ordered, np.searchsorted(facet, np.arange(1, len(normals))))
+    return vertices, [face if len(face) > 2 else face[:0] for face in every]

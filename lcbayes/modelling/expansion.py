@@ -1,0 +1,178 @@
+"""The brightness of a rotating convex body near one solution, as a polynomial that is cheap.
+
+A gradient of the posterior of an asteroid takes four milliseconds for 1500 points, nearly all of
+it in the cosines and the kernel of each facet at each epoch. Near one solution these hardly change.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+from itertools import combinations_with_replacement
+from math import isqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm, qmc
+
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.physics.bodies import facets
+
+MOTION = 3  # two components of the pole and the period
+DEGREE = 12  # largest of the harmonics by which the areas may deviate
+RANK = 120  # number of components of the light curves
+CUBIC, QUADRATIC, LINEAR = 20, 10, 4  # numbers of monomials
+POINTS, SPREAD, REACH = 60, 2.0, 4.0  # of the motions at which the brightness is computed
+
+type Light = Callable[[jax.Array, jax.Array, jax.Array], jax.Array]
+
+
+@lru_cache
+def _exponents() -> NDArray[np.int64]:
+    """Exponents (20, 3) of the monomials of the motion, by increasing degree."""
+    every = (c for n in range(4) for c in combinations_with_replacement(range(MOTION), n))
+    return np.array([[c.count(i) for i in range(MOTION)] for c in every])
+
+
+def _monomials(motion: jax.Array) -> jax.Array:
+    return jnp.prod(motion ** _exponents(), axis=-1)
+
+
+@lru_cache
+def _motions() -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Motions (K, 3) in standard deviations, the first at the centre; weights (20, K) and (4, K).
+
+    The weights give the coefficients of the cubic polynomial and of the linear part of the
+    quadratic one that fit values at these motions best.
+    """
+    even = qmc.Halton(MOTION, scramble=False).fast_forward(1).random(POINTS)
+    motions = np.clip(SPREAD * norm.ppf(even), -REACH, REACH)
+    motions = np.concatenate([np.zeros((1, MOTION)), motions])
+    rows = np.prod(motions[:, None] ** _exponents(), axis=-1)
+    return motions, np.linalg.pinv(rows), np.linalg.pinv(rows[:, :QUADRATIC])[:LINEAR]
+
+
+class Expansion(NamedTuple):
+    """Brightness as a function of the motion m, the areas α and the weight c of Lambert's term.
+
+    With Δ = α − ᾱ and γ = c − c̄ for a body ᾱ, c̄ at m = 0,
+
+        f(t) = P₃(m) + γ P₁(m) + [E + Σ mᵢ Eᵢ + γ E_c] YᵀΔ,
+
+    where P₃ and P₁ are cubic and linear. Motions are in units of their widths. The areas deviate
+    from ᾱ by the factor 1 + Σ xⱼ Yⱼ, Y the harmonics up to degree 12, as light curves hardly tell
+    higher ones. Of the term with the matrices E only the principal components of the light curves
+    of likely bodies are kept.
+
+    Attributes
+    ----------
+    axes : (3, 3)
+        Axes of the two components of the pole, and the pole at m = 0, as columns.
+    centre, widths : (3,)
+        Motion about which, and in units of which, f is expanded.
+    area : (N,)
+        ᾱ.
+    lambert : scalar
+        c̄.
+    cubic, linear : (20, T), (4, T)
+        Coefficients of P₃ and P₁.
+    components : (T, R), single precision
+        Of the light curves, orthonormal.
+    response : (R, 5 J), single precision
+        E, E₁, E₂, E₃ and E_c in these components.
+    harmonics : (N, J)
+        Y.
+    """
+
+    axes: jax.Array
+    centre: jax.Array
+    widths: jax.Array
+    area: jax.Array
+    lambert: jax.Array
+    cubic: jax.Array
+    linear: jax.Array
+    components: jax.Array
+    response: jax.Array
+    harmonics: jax.Array
+
+    @classmethod
+    def of(
+        cls,
+        light: Light,
+        at: tuple[jax.Array, jax.Array, jax.Array],
+        likely: tuple[jax.Array, jax.Array, jax.Array],
+        widths: jax.Array,
+        axes: jax.Array,
+        normals: NDArray[np.float64],
+    ) -> Expansion:
+        """About one motion, areas and c.
+
+        Parameters
+        ----------
+        light : callable
+            Motion (3,), areas (N,), c -> f (T,), linear in the areas and in c.
+        at : (3,), (N,), scalar
+        likely : (n, 3), (n, N), (n,)
+            Draws about them.
+        widths : (3,)
+            Standard deviations of the motion.
+        axes : (3, 3)
+        normals : (N, 3)
+            Of the areas.
+        """
+        centre, area, lambert = at
+        degree = min(DEGREE, isqrt(len(normals) // 2) - 1)
+        harmonics = jnp.asarray(facets.spherical_harmonics(normals, degree))
+        changed = area[:, None] * harmonics  # α of x = 1, over which YᵀΔ is YᵀY weighted by ᾱ
+        changed = jnp.linalg.solve(harmonics.T @ changed, changed.T).T
+        bodies = jnp.concatenate([area[:, None], changed], axis=1)
+
+        def seen(motion: jax.Array) -> tuple[jax.Array, jax.Array]:
+            """f of all bodies with c̄, and its change with c, (T, 1 + J) each."""
+
+            def of(body: jax.Array) -> tuple[jax.Array, jax.Array]:
+                f = light(centre + widths * motion, body, lambert)
+                return f, light(centre + widths * motion, body, lambert + 1.0) - f
+
+            return jax.vmap(of, 1, 1)(bodies)
+
+        def add(sums, at):
+            motion, third, first = at
+            f, change = seen(motion)
+            new = (
+                jnp.multiply.outer(third, f[:, 0]),
+                jnp.multiply.outer(first, change[:, 0]),
+                jnp.multiply.outer(first, f[:, 1:]),
+            )
+            return jax.tree.map(jnp.add, sums, new), None
+
+        motions, third, first = _motions()
+        f, change = seen(jnp.zeros(MOTION))
+        shapes = (CUBIC, len(f)), (LINEAR, len(f)), (LINEAR, *f[:, 1:].shape)
+        zero = tuple(jnp.zeros(shape) for shape in shapes)
+        each = tuple(jnp.asarray(x) for x in (motions, third.T, first.T))
+        (cubic, linear, response), _ = jax.lax.scan(add, zero, each)
+        response = jnp.concatenate([response, change[None, :, 1:]])
+        response = jnp.moveaxis(response, 0, 1).reshape(len(f), -1)
+        whole = cls(
+            axes, centre, widths, area, lambert, cubic, linear, jnp.eye(len(f)), response, harmonics
+        )
+        motions, areas, lamberts = likely
+        m = jax.vmap(_monomials)((motions - centre) / widths)
+        curves = response @ jax.vmap(whole._deviations)(m, areas, lamberts).T
+        components = jnp.linalg.svd(curves, full_matrices=False)[0][:, :RANK]
+        kept = (x.astype(jnp.float32) for x in (components, components.T @ response))
+        return whole._replace(components=next(kept), response=next(kept))
+
+    def _deviations(self, m: jax.Array, area: jax.Array, lambert: jax.Array) -> jax.Array:
+        """What the matrices E are multiplied by, for monomials m of the motion, (5 J,)."""
+        weights = jnp.append(m[:LINEAR], lambert - self.lambert)
+        return jnp.outer(weights, (area - self.area) @ self.harmonics).ravel()
+
+    def __call__(self, motion: jax.Array, area: jax.Array, lambert: jax.Array) -> jax.Array:
+        """f (T,) of a motion (3,), areas (N,) and c."""
+        m, change = _monomials((motion - self.centre) / self.widths), lambert - self.lambert
+        deviations = self._deviations(m, area, lambert).astype(self.response.dtype)
+        flux = m @ self.cubic + change * (m[:LINEAR] @ self.linear)
+        return flux + (self.components @ (self.response @ deviations)).astype(flux.dtype)
