@@ -485,16 +485,15 @@ def _potential(problem: Problem, whitening, data: Epochs, order: FacetOrder, ref
         z = whitening.centre + y @ whitening.factor.T
         inside = np.all(order.like_all(z, reference) == z, axis=1)
         with threads(os.cpu_count() or 1) as pool:
-            every = in_blocks(
-                lambda rows: _potentials(problem, rows, whitening, data), ROWS, y, over=pool.map
-            )
+            some = partial(_potentials, problem, whitening, data)
+            every = in_blocks(some, ROWS, y, over=pool.map)
         return np.where(inside, every, np.inf)
 
     return potential
 
 
 @partial(jax.jit, static_argnums=0)
-def _potentials(problem: Problem, y: Floats, whitening, data: Epochs) -> jax.Array:
+def _potentials(problem: Problem, whitening, data: Epochs, y: Floats) -> jax.Array:
     return jax.lax.map(lambda row: problem.potential(whitening(row), data), jnp.asarray(y))
 
 

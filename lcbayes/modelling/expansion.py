@@ -40,17 +40,16 @@ def _monomials(motion: jax.Array) -> jax.Array:
 
 
 @lru_cache
-def _motions() -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Motions (K, 3) in standard deviations, the first at the centre; weights (20, K) and (4, K).
+def _motions() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Motions (K, 3) in standard deviations, the first at the centre, and weights (20, K).
 
-    The weights give the coefficients of the cubic polynomial and of the linear part of the
-    quadratic one that fit values at these motions best.
+    The weights give the coefficients of the cubic polynomial that fits values there best.
     """
     even = qmc.Halton(MOTION, scramble=False).fast_forward(1).random(POINTS)
     motions = np.clip(SPREAD * norm.ppf(even), -REACH, REACH)
     motions = np.concatenate([np.zeros((1, MOTION)), motions])
     rows = np.prod(motions[:, None] ** _exponents(), axis=-1)
-    return motions, np.linalg.pinv(rows), np.linalg.pinv(rows[:, :QUADRATIC])[:LINEAR]
+    return motions, np.linalg.pinv(rows)
 
 
 class Expansion(NamedTuple):
@@ -58,12 +57,12 @@ class Expansion(NamedTuple):
 
     With Δ = α − ᾱ and γ = c − c̄ for a body ᾱ, c̄ at m = 0,
 
-        f(t) = P₃(m) + γ P₁(m) + [E + Σ mᵢ Eᵢ + γ E_c] YᵀΔ,
+        f(t) = P₃(m) + γ P₁(m) + [P₂(m) + γ E] YᵀΔ,
 
-    where P₃ and P₁ are cubic and linear. Motions are in units of their widths. The areas deviate
-    from ᾱ by the factor 1 + Σ xⱼ Yⱼ, Y the harmonics up to degree 12, as light curves hardly tell
-    higher ones. Of the term with the matrices E only the principal components of the light curves
-    of likely bodies are kept.
+    where P₃, P₂ and P₁ are cubic, quadratic and linear, P₂ and E matrices. Motions are in units of
+    their widths. The areas deviate from ᾱ by the factor 1 + Σ xⱼ Yⱼ, Y the harmonics up to degree
+    12, as light curves hardly tell higher ones. Of the term with matrices only the principal
+    components of the light curves of likely bodies are kept.
 
     Attributes
     ----------
@@ -79,8 +78,8 @@ class Expansion(NamedTuple):
         Coefficients of P₃ and P₁.
     components : (T, R), single precision
         Of the light curves, orthonormal.
-    response : (R, 5 J), single precision
-        E, E₁, E₂, E₃ and E_c in these components.
+    response : (R, 11 J), single precision
+        The coefficients of P₂, and E, in these components.
     harmonics : (N, J)
         Y.
     """
@@ -138,20 +137,20 @@ class Expansion(NamedTuple):
             return jax.vmap(of, 1, 1)(bodies)
 
         def add(sums, at):
-            motion, third, first = at
+            motion, weights = at
             f, change = seen(motion)
             new = (
-                jnp.multiply.outer(third, f[:, 0]),
-                jnp.multiply.outer(first, change[:, 0]),
-                jnp.multiply.outer(first, f[:, 1:]),
+                jnp.multiply.outer(weights, f[:, 0]),
+                jnp.multiply.outer(weights[:LINEAR], change[:, 0]),
+                jnp.multiply.outer(weights[:QUADRATIC], f[:, 1:]),
             )
             return jax.tree.map(jnp.add, sums, new), None
 
-        motions, third, first = _motions()
+        motions, weights = _motions()
         f, change = seen(jnp.zeros(MOTION))
-        shapes = (CUBIC, len(f)), (LINEAR, len(f)), (LINEAR, *f[:, 1:].shape)
+        shapes = (CUBIC, len(f)), (LINEAR, len(f)), (QUADRATIC, *f[:, 1:].shape)
         zero = tuple(jnp.zeros(shape) for shape in shapes)
-        each = tuple(jnp.asarray(x) for x in (motions, third.T, first.T))
+        each = jnp.asarray(motions), jnp.asarray(weights.T)
         (cubic, linear, response), _ = jax.lax.scan(add, zero, each)
         response = jnp.concatenate([response, change[None, :, 1:]])
         response = jnp.moveaxis(response, 0, 1).reshape(len(f), -1)
@@ -166,8 +165,8 @@ class Expansion(NamedTuple):
         return whole._replace(components=next(kept), response=next(kept))
 
     def _deviations(self, m: jax.Array, area: jax.Array, lambert: jax.Array) -> jax.Array:
-        """What the matrices E are multiplied by, for monomials m of the motion, (5 J,)."""
-        weights = jnp.append(m[:LINEAR], lambert - self.lambert)
+        """What the matrices are multiplied by, for monomials m of the motion, (11 J,)."""
+        weights = jnp.append(m[:QUADRATIC], lambert - self.lambert)
         return jnp.outer(weights, (area - self.area) @ self.harmonics).ravel()
 
     def __call__(self, motion: jax.Array, area: jax.Array, lambert: jax.Array) -> jax.Array:

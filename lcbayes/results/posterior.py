@@ -85,7 +85,7 @@ EXPECTED = "expected"  # the site of the brightness without noise
 CURVES = 40  # draws of which the brightness without noise is stored
 FACTORS = "factors"  # ln of the factors of a prior, besides the densities of its sites
 METRIC = {
-    "nuts": "Fisher information at the solution, times a diagonal mass matrix from the warm-up",
+    "nuts": "Fisher information at the mean of the first draws, times a diagonal mass matrix",
     "facet-moves": "Fisher information at a point drawn proposal_scale posterior widths from each "
     "draw, in turn with moves of single facets",
     "guided": "that of nuts, along a cheaper density",

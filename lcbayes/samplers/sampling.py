@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import NamedTuple
+from functools import lru_cache, partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -178,23 +178,16 @@ class Sampler:
                     states = list(pool.map(chain, keys, near))
                 stored = checkpoint.load(f"{name}-{i:04d}")
                 if stored is None:
-                    begun = time.monotonic()
-                    stored = _pack(list(pool.map(block, states)))
+                    draw = partial(pool.map, block, states)
+                    stored = self._timed(draw, i < warmup_blocks, timing)
                     checkpoint.save(f"{name}-{i:04d}", stored)
-                    took = time.monotonic() - begun
-                    if i < warmup_blocks:
-                        timing.warmup_s += took
-                    else:
-                        timing.sampling_s += took
                 states = _unpack(stored, states)
                 timing.gradients += int(stored["num_steps"].sum())
                 blocks.append(stored)
                 kept = blocks[first:]
                 diverging = int(sum(b["diverging"].sum() for b in kept))
-                track.advance(
-                    per_block,
-                    f"{stored['num_steps'].mean():.0f} steps/draw, {diverging} divergent",
-                )
+                said = f"{_steps([stored]):.0f} steps/draw, {diverging} divergent"
+                track.advance(per_block, said)
                 tolerable = convergence.MAX_DIVERGING * per_block * (end - first)
                 if diverging > tolerable and halvings and _steps(kept) < 2**chains.DEPTH / 2:
                     states, halvings = [_finer(s) for s in states], halvings - 1
@@ -203,13 +196,26 @@ class Sampler:
                 elif len(blocks) == end:
                     draws = np.concatenate([b["z"] for b in kept], axis=1)
                     length = self._required_length(self._in_order(draws, starts[0]), about)
-                    more = first + -(-length // BLOCK) - end
-                    track.more(per_block * more)
-                    end += more
+                    before, end = end, first + -(-length // BLOCK)
+                    track.more(per_block * (end - before))
         shown = self._kept(draws.shape[1])
         stats = {k: np.concatenate([b[k] for b in kept], axis=1)[:, shown] for k in chains.FIELDS}
         tuning = self._tuning(states, whitening, draws.shape[1])
         return Chains(draws[:, shown], stats, whitening, tuning)
+
+    @staticmethod
+    def _timed(
+        draw: Callable[[], Iterable[Any]], warmup: bool, timing: Timing
+    ) -> dict[str, np.ndarray]:
+        """A block of all chains, packed."""
+        begun = time.monotonic()
+        block = _pack(list(draw()))
+        took = time.monotonic() - begun
+        if warmup:
+            timing.warmup_s += took
+        else:
+            timing.sampling_s += took
+        return block
 
     def _kept(self, n: int) -> slice:
         """The draws that are kept of n in each chain.
