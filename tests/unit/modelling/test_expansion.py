@@ -135,10 +135,10 @@ def test_a_guide_is_that_of_calibrated_curves_and_exposures():
     options = SMALL | {"n_quadrature": 600}
     problem = Problem(partial(convex_grid.model, **options), data)
     sites = convex_grid.starts(data, jax.random.key(0), **options)[7]
-    z = np.asarray(problem.ravel(sites | {"coefficients": 0.2 * jnp.ones(15)}))
+    z = problem.ravel(sites | {"coefficients": 0.2 * jnp.ones(15)})
     about = convex_grid.guide(problem, data, **options)(z)
     exact, guided = (np.asarray(problem.flux_at(z, x)) for x in (data, about))
     np.testing.assert_allclose(guided, exact, rtol=2e-3)
-    larger = np.asarray(problem.ravel(problem.constrain(z, data) | {"log_sphere_flux": 3.0}))
+    larger = problem.ravel(problem.constrain(z, data) | {"log_sphere_flux": jnp.array(3.0)})
     exact, guided = (np.asarray(problem.flux_at(larger, x)) for x in (data, about))
     np.testing.assert_allclose(guided, exact, rtol=2e-3)
