@@ -123,9 +123,10 @@ class Expansion(NamedTuple):
         centre, area, lambert = at
         degree = min(DEGREE, isqrt(len(normals) // 2) - 1)
         harmonics = jnp.asarray(facets.spherical_harmonics(normals, degree))
-        changed = area[:, None] * harmonics  # α of x = 1, over which YᵀΔ is YᵀY weighted by ᾱ
-        changed = jnp.linalg.solve(harmonics.T @ changed, changed.T).T
-        bodies = jnp.concatenate([area[:, None], changed], axis=1)
+        relief = area[:, None] * harmonics
+        # changes of the areas for which YᵀΔ is a unit vector
+        changes = jnp.linalg.solve(harmonics.T @ relief, relief.T).T
+        bodies = jnp.concatenate([area[:, None], changes], axis=1)
 
         def seen(motion: jax.Array) -> tuple[jax.Array, jax.Array]:
             """f of all bodies with c̄, and its change with c, (T, 1 + J) each."""
