@@ -25,15 +25,15 @@ def known():
     rng = np.random.default_rng(1)
     normals = facets.grid(N)
     mean = rng.uniform(0.5, 1.5, N)
-    a, c, d = (rng.normal(size=(T, N)) for _ in range(3))
+    a, c, d, q = (rng.normal(size=(T, N)) for _ in range(4))
     b = rng.normal(size=(3, T, N))
     cubic = rng.normal(size=T)
 
     def light(motion, area, lambert):
         m = (motion - CENTRE) / WIDTHS
-        linear = a + jnp.tensordot(m, b, 1)
+        second = a + jnp.tensordot(m, b, 1) + (m[0] * m[2] - m[1] ** 2) * q
         third = cubic * (m[0] ** 2 * m[2] + m[1] ** 3 - m[0] * m[1] * m[2]) * jnp.sum(area)
-        return (linear + lambert * (c + m[1] * d)) @ area + third
+        return (second + lambert * (c + m[1] * d)) @ area + third
 
     # as many bodies as epochs, so that all light curves are combinations of theirs
     likely = (
@@ -56,7 +56,8 @@ def known():
     ],
 )
 def test_it_is_a_polynomial_where_the_brightness_is_one(known, motion, lambert, changed):
-    """Cubic in the motion and linear in c for the mean body; for others linear in one of them."""
+    """Cubic in the motion and linear in c for the mean body; for others quadratic in the motion or
+    linear in c."""
     light, expansion, mean = known
     m, c = jnp.asarray(CENTRE + WIDTHS * motion), LAMBERT + lambert
     area = mean
