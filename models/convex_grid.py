@@ -32,6 +32,7 @@ SPHERE = 8.0  # Σα of a sphere with flux 1 at zero phase angle and c = 0: ∫ 
 CLOSURE_SD = 0.01
 MOMENT_DEGREE = 4  # highest degree of the moments that the data constrain; see `coordinates`
 LIKELY, LIKELY_SD = 400, 1.5  # draws about a solution, and their width in posterior sd
+MANY = 500_000  # epochs times normals, from which on chains follow an expansion
 COARSER = {"n_quadrature": 300}  # for the search
 LOG_LAMBERT = (np.log(0.1), 0.5)
 MIN_LAMBERT = 0.03
@@ -153,7 +154,7 @@ def _light(data: Epochs, normals, pole, period_s, area, lambert) -> jax.Array:
 
 
 def _motion(pole: jax.Array, shift: jax.Array, axes: jax.Array) -> jax.Array:
-    """Tangents of the pole's angles from the last of the axes (3, 3), as columns, and the shift."""
+    """Gnomonic coordinates of the pole about the third of the axes (3, 3), and the shift."""
     x, y, z = pole @ axes
     return jnp.stack([x / z, y / z, shift])
 
@@ -167,12 +168,15 @@ def guide(
     degree: int = 6,
     **options,  # noqa: ARG001
 ):
-    """Point (D,) -> epochs whose brightness is expanded about it.
+    """Point (D,) -> epochs whose brightness is expanded about it; None for few points.
 
     A gradient then takes a sixth of the time, and ln posterior is wrong by less than half a nat (sd
-    over the posterior of 43 Ariadne and of 135 Hertha), which the exact density corrects.
+    over the posterior of 43 Ariadne and of 135 Hertha), which the exact density corrects. Few
+    points have cheap gradients, and wide posteriors, whose tails the expansion does not describe.
     """
     normals, harmonics, log_weights = grid(n_quadrature, degree)
+    if data.t.size * len(normals) < MANY:
+        return None
 
     @jax.jit
     def about(z: jax.Array, epochs: Epochs) -> Epochs:

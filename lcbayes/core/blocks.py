@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.core.jax_setup import jax
+from lcbayes.core.threads import threads
+
+ROWS = 256
 
 
 def together(on_cpu: int, on_accelerator: int) -> int:
@@ -19,6 +23,17 @@ def together(on_cpu: int, on_accelerator: int) -> int:
 def each(f: Callable[..., Any], rows: Any) -> Any:
     """f of every row of a pytree: one after the other on a CPU, in parallel on an accelerator."""
     return jax.lax.map(f, rows) if jax.default_backend() == "cpu" else jax.vmap(f)(rows)
+
+
+def on_all_cores(f: Callable[..., Any], *rows: Any) -> Any:
+    """`in_blocks` of `ROWS` rows, with a thread on each core."""
+
+    def over(one: Callable[..., Any], index: NDArray[np.int64]) -> Iterator[Any]:
+        yield one(index[0])  # alone, so that the program is compiled once
+        with threads(os.cpu_count() or 1) as pool:
+            yield from pool.map(one, index[1:])
+
+    return in_blocks(f, ROWS, *rows, over=over)
 
 
 def in_blocks(f: Callable[..., Any], size: int, *rows: Any, over: Callable[..., Any] = map) -> Any:

@@ -4,19 +4,18 @@ posterior weight of each basin."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes.core.blocks import in_blocks
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.reasons import Finding
 from lcbayes.inference import search, solutions
 from lcbayes.inference.label_switching import FacetOrder
 from lcbayes.inference.modes import MERGE_OVERLAP, overlap
 from lcbayes.inference.solutions import Solution
+from lcbayes.modelling.constrained import potentials
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem, compiled
 from lcbayes.samplers import bridge, smc
@@ -34,7 +33,6 @@ MIN_MEASURED_SHARE = 0.5  # of all points, in regions whose evidence is bridged
 MAX_BRIDGE_ERROR = 0.3  # largest accepted standard error of a bridged evidence, nats
 MAX_DEVIATION = 6.0  # of the tempered from the bridged evidence, in standard errors
 MIN_RUN_SD = 0.5  # lower limit on the evidence error of one run in that comparison, nats
-BATCH = 256  # points evaluated at a time
 
 
 class Basins:
@@ -342,13 +340,3 @@ def optima(
 def evenly(rows: NDArray, n: int) -> NDArray:
     """n rows at even intervals; rows are repeated if there are fewer than n."""
     return rows[np.linspace(0, len(rows) - 1, n).round().astype(int)]
-
-
-def potentials(problem: Problem, z: Floats, data: Epochs) -> Floats:
-    """−ln p(y, z) for rows (n, D), as (n,)."""
-    return in_blocks(lambda rows: _potentials(problem, rows, data), BATCH, z)
-
-
-@partial(jax.jit, static_argnums=0)
-def _potentials(problem: Problem, rows: jax.Array, data: Epochs) -> jax.Array:
-    return jax.lax.map(lambda row: problem.potential(row, data), rows)

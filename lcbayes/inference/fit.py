@@ -14,13 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes.core.blocks import in_blocks
 from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Silent
 from lcbayes.core.reasons import Finding
-from lcbayes.core.threads import threads
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference import (
     correlation,
@@ -54,6 +52,7 @@ from lcbayes.inference.spin_solutions import (
 from lcbayes.inference.start_from import placed
 from lcbayes.inference.tumbling_search import Repeats
 from lcbayes.inference.warped_bridge import APART_SE, related
+from lcbayes.modelling.constrained import potentials
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem, compiled, prior_draws
 from lcbayes.modelling.registry import Entry
@@ -66,7 +65,6 @@ from lcbayes.samplers.settings import NUTS, PARTICLES, Settings
 from lcbayes.samplers.tempering_path import time_ordered
 
 Floats = NDArray[np.float64]
-ROWS = 256  # draws together
 BRIDGE_ESS = 200.0  # effective number of draws per solution in the error of its weight
 
 
@@ -484,17 +482,9 @@ def _potential(problem: Problem, whitening, data: Epochs, order: FacetOrder, ref
     def potential(y: Floats) -> Floats:
         z = whitening.centre + y @ whitening.factor.T
         inside = np.all(order.like_all(z, reference) == z, axis=1)
-        with threads(os.cpu_count() or 1) as pool:
-            some = partial(_potentials, problem, whitening, data)
-            every = in_blocks(some, ROWS, y, over=pool.map)
-        return np.where(inside, every, np.inf)
+        return np.where(inside, potentials(problem, z, data), np.inf)
 
     return potential
-
-
-@partial(jax.jit, static_argnums=0)
-def _potentials(problem: Problem, whitening, data: Epochs, y: Floats) -> jax.Array:
-    return jax.lax.map(lambda row: problem.potential(whitening(row), data), jnp.asarray(y))
 
 
 __all__ = ["Mode", "Posterior", "run"]

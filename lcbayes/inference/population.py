@@ -21,6 +21,7 @@ from lcbayes.inference.basins import evenly
 from lcbayes.inference.label_switching import FacetOrder
 from lcbayes.inference.modes import MAX_LEFT_OUT, Mode, left_out
 from lcbayes.inference.replicates import Execution
+from lcbayes.modelling.constrained import potentials
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
 from lcbayes.samplers import smc
@@ -137,6 +138,6 @@ def _statistics(problem: Problem, data: Epochs, z: Floats) -> dict[str, NDArray]
     """Chain statistics, as far as they are available for particles; (C, S) each."""
     flat = z.reshape(-1, z.shape[-1])
     return {
-        "potential_energy": basins.potentials(problem, flat, data).reshape(z.shape[:2]),
+        "potential_energy": potentials(problem, flat, data).reshape(z.shape[:2]),
         "diverging": np.zeros(z.shape[:2], bool),
     }

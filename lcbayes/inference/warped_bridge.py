@@ -19,10 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.data.segments import split
-from lcbayes.inference.basins import evenly, potentials
+from lcbayes.inference.basins import evenly
 from lcbayes.inference.label_switching import FacetOrder
 from lcbayes.inference.modes import MAX_LEFT_OUT, Mode
 from lcbayes.inference.motions import attitudes
+from lcbayes.modelling.constrained import potentials
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
 from lcbayes.samplers.bridge import LogEvidence, log_ratio

@@ -1,17 +1,15 @@
-"""Draws in the units of the model, and the quantities of them that a result reports."""
+"""Draws in the units of the model, the quantities that a result reports, and their density."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes.core.blocks import in_blocks
+from lcbayes.core.blocks import on_all_cores
 from lcbayes.core.jax_setup import jax, jnp
-from lcbayes.core.threads import threads
 from lcbayes.geometry.spherical import unwrapped
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import FLUX, OUTLIER
@@ -22,7 +20,6 @@ from lcbayes.modelling.variables import reported
 Floats = NDArray[np.float64]
 
 PER_EPOCH = ("expected", FLUX, OUTLIER, SUN, OBS, LIT, RESPONSE)
-ROWS = 256  # draws together
 VALUES = 10_000  # epochs times draws in one batch, so that its arrays stay in the cache
 CIRCLES = {"phi": 2 * np.pi, "pole_lon_deg": 360.0}
 
@@ -30,9 +27,13 @@ CIRCLES = {"phi": 2 * np.pi, "pole_lon_deg": 360.0}
 def constrain_draws(problem: Problem, z: Floats, data: Epochs) -> dict[str, NDArray]:
     """Every site at draws z (C, S, D), except sites with one value per epoch."""
     flat = z.reshape(-1, z.shape[-1])
-    with threads(os.cpu_count() or 1) as pool:
-        sites = in_blocks(lambda rows: _constrained(problem, rows, data), ROWS, flat, over=pool.map)
+    sites = on_all_cores(lambda rows: _constrained(problem, rows, data), flat)
     return {k: v.reshape(*z.shape[:2], *v.shape[1:]) for k, v in sites.items()}
+
+
+def potentials(problem: Problem, z: Floats, data: Epochs) -> Floats:
+    """−ln p(y, z) for rows (n, D), as (n,)."""
+    return on_all_cores(lambda rows: _potentials(problem, rows, data), z)
 
 
 def reported_draws(draws: Mapping[str, NDArray]) -> dict[str, Floats]:
@@ -46,6 +47,11 @@ def quantities(problem: Problem, z: Floats, data: Epochs) -> Floats:
     """Every scalar (C, S, Q) that a result reports, at draws z (C, S, D)."""
     shown = reported_draws(constrain_draws(problem, z, data))
     return np.concatenate([v.reshape(*z.shape[:2], -1) for v in shown.values()], axis=2)
+
+
+@partial(jax.jit, static_argnums=0)
+def _potentials(problem: Problem, rows: Floats, data: Epochs) -> jax.Array:
+    return jax.lax.map(lambda row: problem.potential(row, data), jnp.asarray(rows))
 
 
 @partial(jax.jit, static_argnums=0)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm, qmc
+from scipy.special import ndtri
 
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.physics.bodies import facets
@@ -45,8 +45,10 @@ def _motions() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
     The weights give the coefficients of the cubic polynomial that fits values there best.
     """
+    from scipy.stats import qmc  # slow to import
+
     even = qmc.Halton(MOTION, scramble=False).fast_forward(1).random(POINTS)
-    motions = np.clip(SPREAD * norm.ppf(even), -REACH, REACH)
+    motions = np.clip(SPREAD * ndtri(even), -REACH, REACH)
     motions = np.concatenate([np.zeros((1, MOTION)), motions])
     rows = np.prod(motions[:, None] ** _exponents(), axis=-1)
     return motions, np.linalg.pinv(rows)

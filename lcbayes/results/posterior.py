@@ -7,7 +7,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -17,10 +16,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from lcbayes.core.blocks import on_all_cores
 from lcbayes.core.cluster import without_cluster
 from lcbayes.core.files import write_atomic
 from lcbayes.core.jax_setup import jax, jnp
-from lcbayes.core.threads import threads
 from lcbayes.core.version import installed_version
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference.fit import Mode, Posterior
@@ -282,16 +281,10 @@ def _sampling(posterior: Posterior, modes: Sequence[Mode]) -> dict[str, Any]:
 def _predictions(problem: Problem, z: Floats, data: Epochs, seed: int) -> tuple[Floats, Floats]:
     """Pointwise log likelihood and one replicate of the data for each draw, (C, S, T)."""
     keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), 1), z.shape[0] * z.shape[1])
-    keys = keys.reshape(z.shape[:2])
-
-    def chain(i: int) -> tuple[Floats, Floats]:
-        pointwise, replicated = _predicted(problem, jnp.asarray(z[i]), keys[i], data)
-        return np.asarray(pointwise), np.asarray(replicated)
-
-    first = chain(0)  # alone, so that the program is compiled once
-    with threads(os.cpu_count() or 1) as pool:
-        each = [first, *pool.map(chain, range(1, len(z)))]
-    pointwise, replicated = (np.stack(x) for x in zip(*each, strict=True))
+    each = on_all_cores(
+        lambda *rows: _predicted(problem, *rows, data), z.reshape(-1, z.shape[2]), keys
+    )
+    pointwise, replicated = (x.reshape(*z.shape[:2], -1) for x in each)
     return pointwise, replicated
 
 

@@ -6,7 +6,7 @@ import itertools
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +17,7 @@ from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Track
 from lcbayes.core.threads import threads
-from lcbayes.modelling.constrained import quantities
+from lcbayes.modelling.constrained import potentials, quantities
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem, compiled
 from lcbayes.samplers import chains, convergence
@@ -28,6 +28,9 @@ Floats = NDArray[np.float64]
 BLOCK = 50
 OPTIMA = 8  # optima of a solution whose widths scale the coordinates
 HALVINGS = 2  # maximum number of times that the step size of NUTS is halved
+MAX_GUIDE_SD = 0.7  # nats: of ln of the density of a guide over the exact one, among its draws
+LONGEST_STAY = 50  # draws at one point, by which a guide is dropped
+EXACT = "-exact"  # of the name of chains whose guide was dropped
 NUM_DRAWS = "num_draws"  # name in `Chains.tuning`
 
 
@@ -144,11 +147,34 @@ class Sampler:
         of its warm-up NUTS starts again, in coordinates that are whitened at the mean of the draws,
         since the widths at an optimum may not be those of the posterior.
 
+        A guide is dropped, and the chains begin again without it, if it is too different from the
+        posterior there, or if a chain later stays at one point for many draws.
+
         If `num_samples` draws do not suffice for convergence, the chains are extended, up to
         `most_samples`. If more NUTS transitions have diverged than all requested draws may contain,
         the draws are discarded and the chains continue with half the step size. The step size is
         not halved if the trajectories would then exceed the maximum tree depth.
         """
+        rest = starts, data, key, checkpoint, timing, track
+        found = self._run(name, *rest)
+        if isinstance(found, Chains):
+            return found
+        track.more(found * self.settings.num_chains * BLOCK)
+        settings = self.settings.with_sampler(NUTS)
+        exact = Sampler(self.problem, settings, self.workers, ordered=self.ordered)
+        return exact.run(name + EXACT, *rest)
+
+    def _run(
+        self,
+        name: str,
+        starts: Floats,
+        data: Epochs,
+        key: jax.Array,
+        checkpoint: Checkpoint,
+        timing: Timing,
+        track: Track,
+    ) -> Chains | int:
+        """As `run`; the number of blocks taken in vain if the guide is dropped."""
         about = data if self.guide is None else self.guide(starts[0])
         whitening = self._whitening(starts, about)
         args = (whitening, data, *self._further(about))
@@ -172,14 +198,15 @@ class Sampler:
             while (i := len(blocks)) < end:
                 if i == self._pilot_blocks > 0:
                     whitening, about = self._at_mean(blocks[-1], whitening, about, data)
+                    if self.guide is not None and not self._similar(blocks[-1], about, data):
+                        return i
                     args = (whitening, data, *self._further(about))
                     near = [chains.Whitening.point(z[-1]) for z in blocks[-1]["z"]]
                     keys = jax.vmap(jax.random.fold_in, (0, None))(keys, i)
                     states = list(pool.map(chain, keys, near))
                 stored = checkpoint.load(f"{name}-{i:04d}")
                 if stored is None:
-                    draw = partial(pool.map, block, states)
-                    stored = self._timed(draw, i < warmup_blocks, timing)
+                    stored = self._timed(pool.map(block, states), i < warmup_blocks, timing)
                     checkpoint.save(f"{name}-{i:04d}", stored)
                 states = _unpack(stored, states)
                 timing.gradients += int(stored["num_steps"].sum())
@@ -195,21 +222,28 @@ class Sampler:
                     first, end = len(blocks), len(blocks) + sample_blocks
                 elif len(blocks) == end:
                     draws = np.concatenate([b["z"] for b in kept], axis=1)
+                    if self.guide is not None and _longest_stay(draws) >= LONGEST_STAY:
+                        return end
                     length = self._required_length(self._in_order(draws, starts[0]), about)
                     before, end = end, first + -(-length // BLOCK)
                     track.more(per_block * (end - before))
-        shown = self._kept(draws.shape[1])
-        stats = {k: np.concatenate([b[k] for b in kept], axis=1)[:, shown] for k in chains.FIELDS}
-        tuning = self._tuning(states, whitening, draws.shape[1])
-        return Chains(draws[:, shown], stats, whitening, tuning)
+        return self._collected(kept, states, whitening)
+
+    def _collected(
+        self, blocks: list[dict[str, NDArray]], states: list, whitening: chains.Whitening
+    ) -> Chains:
+        """The draws of blocks, and the last states of their chains."""
+        fields = ("z", *chains.FIELDS)
+        whole = {k: np.concatenate([b[k] for b in blocks], axis=1) for k in fields}
+        n = whole["z"].shape[1]
+        kept = {k: v[:, self._kept(n)] for k, v in whole.items()}
+        return Chains(kept.pop("z"), kept, whitening, self._tuning(states, whitening, n))
 
     @staticmethod
-    def _timed(
-        draw: Callable[[], Iterable[Any]], warmup: bool, timing: Timing
-    ) -> dict[str, np.ndarray]:
-        """A block of all chains, packed."""
+    def _timed(drawn: Iterable[Any], warmup: bool, timing: Timing) -> dict[str, np.ndarray]:
+        """A block of all chains, as it is computed, packed."""
         begun = time.monotonic()
-        block = _pack(list(draw()))
+        block = _pack(list(drawn))
         took = time.monotonic() - begun
         if warmup:
             timing.warmup_s += took
@@ -253,8 +287,8 @@ class Sampler:
     ) -> tuple[chains.Whitening, Epochs]:
         """The whitening and the epochs of the guide at the mean of the second half of a block.
 
-        They are the former ones if the density at the mean is not above that of most draws: of a
-        posterior that is bent, or of several peaks, the mean is no place to be.
+        They stay as they are if the density at the mean is not above that of most draws: the mean
+        of a curved posterior, or of one with several peaks, may be improbable.
         """
         late = slice(BLOCK // 2, None)
         mean = block["z"][:, late].mean(axis=(0, 1))
@@ -263,6 +297,12 @@ class Sampler:
             return whitening, about
         about = data if self.guide is None else self.guide(mean)
         return chains.Whitening.at(self.problem, mean, about), about
+
+    def _similar(self, block: dict[str, NDArray], about: Epochs, data: Epochs) -> bool:
+        """Whether the guide describes the posterior, judged by the second half of a block."""
+        rows = block["z"][:, BLOCK // 2 :].reshape(-1, self.problem.dim)
+        exact, guide = (potentials(self.problem, rows, x) for x in (data, about))
+        return bool(np.std(exact - guide) < MAX_GUIDE_SD)
 
     def _in_order(self, draws: Floats, reference: Floats) -> Floats:
         """Draws (C, S, D) with exchangeable facets in the order of the reference (D,)."""
@@ -289,6 +329,15 @@ class Sampler:
         program = programs(self.problem, sampler, num_warmup, structure, tuple(leaves))
         timing.compile_s += time.monotonic() - begun
         return program
+
+
+def _longest_stay(z: Floats) -> int:
+    """The largest number of equal successive draws in chains (C, S, D).
+
+    Where the density of a guide is far too low, hardly any proposal is accepted.
+    """
+    stays = [len(list(same)) for chain in z for _, same in itertools.groupby(chain[:, 0])]
+    return max(stays)
 
 
 def _steps(blocks: list[dict[str, NDArray]]) -> float:

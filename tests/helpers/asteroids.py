@@ -6,6 +6,7 @@ import numpy as np
 
 from lcbayes.core.jax_setup import jnp
 from lcbayes.data.lightcurve import LightCurve
+from lcbayes.geometry.spherical import unit_vector
 from lcbayes.physics import brightness
 from lcbayes.physics.attitude import rotations
 from lcbayes.physics.bodies import facets
@@ -15,11 +16,7 @@ SMALL = {"period": 6.0, "n_facets": 100, "n_quadrature": 100, "degree": 3}
 
 
 def unit(lon_deg, lat_deg) -> np.ndarray:
-    lon, lat = np.radians(lon_deg), np.radians(lat_deg)
-    return np.stack(
-        np.broadcast_arrays(np.cos(lon) * np.cos(lat), np.sin(lon) * np.cos(lat), np.sin(lat)),
-        axis=-1,
-    )
+    return unit_vector(*np.broadcast_arrays(np.radians(lon_deg), np.radians(lat_deg)))
 
 
 def observed(free_scale: bool = True, n_points: int = 25) -> LightCurve:

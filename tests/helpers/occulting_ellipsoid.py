@@ -12,6 +12,7 @@ from lcbayes.data.formats.occultation import LIGHT_KM_S, Occultation
 from lcbayes.geometry.sky_plane import west_north
 from lcbayes.physics.attitude.spin_state import SpinState
 from lcbayes.physics.bodies import facets
+from tests.helpers.asteroids import unit
 from tests.helpers.damit_model import Model
 
 TO_EARTH = np.array([-1.56e8, -1.58e8, -1.4e7])
@@ -21,11 +22,6 @@ AXES = np.array([44.0, 40.0, 33.0])  # semi-axes, km
 CENTRE = np.array([-4200.0, 2430.0])
 SPEED = 5.5  # km/s
 START_JD = 2454811.82
-
-
-def unit(lon_deg, lat_deg) -> np.ndarray:
-    lon, lat = np.radians(lon_deg), np.radians(lat_deg)
-    return np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], -1)
 
 
 SPIN = SpinState.of_pole(unit(*POLE), PERIOD_H, MIDDLE_JD)

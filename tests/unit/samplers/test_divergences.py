@@ -8,8 +8,7 @@ import numpyro.distributions as dist
 import pytest
 
 from lcbayes.core.checkpoint import Checkpoint
-from lcbayes.core.jax_setup import jax, jnp
-from lcbayes.core.progress import Silent
+from lcbayes.core.jax_setup import jnp
 from lcbayes.modelling import likelihood
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
@@ -17,6 +16,7 @@ from lcbayes.samplers import sampling
 from lcbayes.samplers.convergence import MAX_DIVERGING
 from lcbayes.samplers.settings import Settings
 from tests.helpers import small_curves
+from tests.helpers.sampled_chains import sampled
 
 # How often two chains diverge depends on their seed, and so on rounding; shares are over SEEDS.
 SEEDS = range(6)
@@ -39,16 +39,7 @@ def problem():
 
 def run(problem, data, checkpoint=None, sampler="nuts", seed=0):
     settings = Settings(sampler=sampler, num_warmup=100, num_samples=500, num_chains=2)
-    with Silent().stage("sampling", 1, "draws") as track:
-        return sampling.Sampler(problem, settings, 1).run(
-            "mode-0",
-            np.zeros((1, problem.dim)),
-            data,
-            jax.random.key(seed),
-            checkpoint or Checkpoint(None, {}),
-            sampling.Timing(),
-            track,
-        )
+    return sampled(problem, data, settings, np.zeros(problem.dim), seed, checkpoint)
 
 
 def share(stats) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import numpyro
 import numpyro.distributions as dist
@@ -9,8 +11,7 @@ import pytest
 from scipy.stats import norm
 
 from lcbayes.core.checkpoint import Checkpoint
-from lcbayes.core.jax_setup import jax, jnp
-from lcbayes.core.progress import Silent
+from lcbayes.core.jax_setup import jnp
 from lcbayes.modelling import likelihood
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
@@ -18,6 +19,7 @@ from lcbayes.samplers import sampling
 from lcbayes.samplers.convergence import rhat_and_ess
 from lcbayes.samplers.settings import GUIDED, NUTS, Settings
 from tests.helpers import small_curves
+from tests.helpers.sampled_chains import sampled
 
 FALSE_ALARM = 1e-5
 SHAPES = np.array([0.7, 1.5, 4.0])
@@ -43,16 +45,7 @@ def run(model, start, guide=None, checkpoint=None):
     problem = Problem(model, data)
     settings = Settings(sampler=NUTS if guide is None else GUIDED, num_samples=500, num_chains=4)
     held = None if guide is None else guide(data)
-    with Silent().stage("sampling", 1, "draws") as track:
-        return sampling.Sampler(problem, settings, 1, guide=held).run(
-            "mode-0",
-            np.asarray([start]),
-            data,
-            jax.random.key(3),
-            checkpoint or Checkpoint(None, {}),
-            sampling.Timing(),
-            track,
-        )
+    return sampled(problem, data, settings, start, 3, checkpoint, held)
 
 
 @pytest.mark.statistical(false_alarm=FALSE_ALARM)
@@ -84,7 +77,36 @@ def test_coordinates_are_those_of_the_mean(guided, tmp_path):
         assert error < 0.2 * shape
 
 
-def test_they_stay_where_the_mean_is_no_place_to_be():
+def level(data: Epochs) -> None:
+    """A constant brightness of unknown size."""
+    size = jnp.asarray(numpyro.sample("size", dist.Normal(1.0, 10.0)))
+    likelihood.observe(data, size * jnp.ones(data.t.shape))
+
+
+@pytest.mark.statistical(false_alarm=FALSE_ALARM)
+@pytest.mark.parametrize(("factor", "stay", "followed"), [(1.0, 50, 1), (1.5, 50, 0), (1.0, 1, 0)])
+def test_a_guide_is_dropped_if_it_differs_or_a_chain_stays(
+    factor, stay, followed, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(sampling, "LONGEST_STAY", stay)
+    curve = small_curves.curve()
+    checkpoint = Checkpoint(tmp_path / "a", {})
+
+    def guide(data):
+        return lambda _: replace(data, brightness=factor * data.brightness)
+
+    z, *_ = run(level, (1.0,), guide, checkpoint)
+    assert bool(list((tmp_path / "a").glob("mode-0-exact-*"))) != followed
+    assert curve.error is not None
+    weight = curve.error**-2.0
+    mean, sd = np.sum(weight * curve.brightness) / weight.sum(), weight.sum() ** -0.5
+    error = sd / np.sqrt(rhat_and_ess(z)[1])
+    assert abs(z.mean() - mean) < norm.isf(0.25 * FALSE_ALARM) * error
+    again, *_ = run(level, (1.0,), guide, checkpoint)
+    np.testing.assert_array_equal(again, z)
+
+
+def test_they_stay_where_the_mean_is_improbable():
     z, _, whitening, _ = run(bent, (3.0, 0.0))
     np.testing.assert_allclose(whitening.centre, (3.0, 0.0))
     assert z[..., 0].min() < -2.9 < 2.9 < z[..., 0].max()
