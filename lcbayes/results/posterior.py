@@ -87,7 +87,7 @@ METRIC = {
     "nuts": "Fisher information at the mean of the first draws, times a diagonal mass matrix",
     "facet-moves": "Fisher information at a point drawn proposal_scale posterior widths from each "
     "draw, in turn with moves of single facets",
-    "guided": "that of nuts, along a cheaper density",
+    "guided": "that of nuts; along a cheaper density where that describes the posterior",
     "ahmc": "Fisher information at a point drawn proposal_scale posterior widths from each draw; "
     "where proposal_scale is inf, the inverse covariance of the warm-up",
     "ahmc-paper": "Fisher information at the start of each trajectory",

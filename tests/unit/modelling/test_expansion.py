@@ -110,7 +110,9 @@ def asteroid():
 def guide(problem, data, options):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(convex_grid, "MANY", 0)
-        return convex_grid.guide(problem, data, **options)
+        about = convex_grid.guide(problem, data, **options)
+    assert about is not None
+    return about
 
 
 def errors(problem, data, draws, about) -> np.ndarray:
