@@ -11,8 +11,8 @@ The search covers all motions that the prior allows. It succeeds if the best end
 the body that is fitted has none. χ² of the best end point, or the largest shift of any combination
 of parameters by the shadows computed there, shows whether that is noticed. With --fit, each curve
 is fitted by `lcbayes.fit` instead: is it trusted, is the motion right, and which of rate, pole and
-surface lie outside their 90 % intervals in the solution of weight above 5 % whose ω is closest to
-the truth? One row a case is appended to bodies.csv in DIR; cases that are there are not repeated.
+surface lie outside their 90 % intervals in the solution of weight above 5 % whose motion is closest
+to the truth? One row a case is appended to bodies.csv in DIR; cases that are there are not repeated.
 """
 
 from __future__ import annotations
@@ -124,9 +124,14 @@ def _truth(problem: Problem, data: Epochs, case: Case, z: np.ndarray) -> np.ndar
 
 def _right(case: Case, omega: np.ndarray) -> bool:
     """Whether pole and rate are those of the truth."""
+    return max(_apart(case, omega)) < 1.0
+
+
+def _apart(case: Case, omega: np.ndarray) -> tuple[float, float]:
+    """From the truth: the pole, over 10 degrees, and the rate, over half a turn in all."""
     rate, true = np.linalg.norm(omega), np.linalg.norm(case.omega)
-    aligned = omega @ case.omega > np.cos(np.radians(10.0)) * rate * true
-    return bool(aligned and abs(rate - true) * np.ptp(case.curve.t) < np.pi)
+    angle = np.degrees(np.arccos(np.clip(omega @ case.omega / (rate * true), -1.0, 1.0)))
+    return angle / 10.0, float(abs(rate - true) * np.ptp(case.curve.t) / np.pi)
 
 
 def fitted(case: Case, given: dict[str, object]) -> dict[str, object]:
@@ -139,7 +144,7 @@ def fitted(case: Case, given: dict[str, object]) -> dict[str, object]:
         if mode["weight"] > 0.05:
             posterior = result.data[f"modes/{i}/posterior"]
             omega = np.asarray(posterior["omega"]).reshape(-1, 3)
-            solutions.append((float(np.linalg.norm(omega.mean(0) - case.omega)), omega, posterior))
+            solutions.append((max(_apart(case, omega.mean(0))), omega, posterior))
     _, omega, posterior = min(solutions, key=lambda one: one[0])
     inside = {"rate": within(np.linalg.norm(omega, axis=1), float(np.linalg.norm(case.omega)))}
     inside |= {f"pole {k}": held for k, held in direction_within(omega, case.omega).items()}

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 import numpyro
 import numpyro.distributions as dist
+from jax.scipy.linalg import solve_triangular
 from numpyro import handlers
 from scipy.spatial.transform import Rotation
 
@@ -18,14 +19,14 @@ from lcbayes.inference.body_search import cells, phases, turns
 from lcbayes.inference.body_search.surface import Surface
 from lcbayes.inference.label_switching import AttitudeOrder
 from lcbayes.inference.spin_search.allowed import Allowed
-from lcbayes.modelling import body_motion, likelihood, nuisances
+from lcbayes.modelling import body_expansion, body_motion, body_symmetry, likelihood, nuisances
+from lcbayes.modelling.body_expansion import BodyExpansion
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.known_spin import MIN_BISECTOR, KnownSpin, RatePrior
-from lcbayes.modelling.problem import LIT, OBS, SUN, TRACING, Coordinates, Problem
-from lcbayes.modelling.reflectance_products import Reflectance, ReflectanceProducts
+from lcbayes.modelling.problem import LIT, OBS, SUN, TRACING, Coordinates, Problem, compiled
+from lcbayes.modelling.reflectance_products import albedo_areas, products_of
 from lcbayes.modelling.spin_coordinates import rate_and_direction
 from lcbayes.physics import photometry
-from lcbayes.physics.reflectance import LAWS
 from lcbayes.simulation.known_bodies.body import KnownBody
 from lcbayes.simulation.known_bodies.reader import (
     BodyFile,
@@ -39,12 +40,12 @@ SUMMARY = "a body of known parts, constant rate: attitude, omega, surface, scale
 
 STILL_DEG = 15.0  # of the bisector, from its mean, below which the turn about it is a coordinate
 SLOW_SHADOWS = 5.0  # times as long, from which on the search has none
-DEAR_SHADOWS = 20.0  # times as long, from which on chains follow fixed ones
+MANY = 5_000  # epochs times panels, with their shadows, from which on chains follow an expansion
+LIKELY_SD = 1.5  # widths of the draws about a solution at which its brightness is expanded
 ROUGH = 0.02  # tolerance of the body of such a search
 # during the search for solutions
 POOLED = {"zero_point_spread": 0.0, "clock_sd": 0.0, "rate_drift_sd": 0.0}
 SEARCHED = {"zero_point_sd": 0.0, "correlated_noise": False, "noise_law": "gaussian", "period": ""}
-DIFFUSE_UNIT = {"r_diff": 1.0, "r_spec": 1.0, "w": 4.0 * np.pi}  # for which area is albedo-area
 
 
 def model(
@@ -104,12 +105,13 @@ def model(
     """
     file = _file(body, spin, shadows, tolerance)
     known = file.body
-    turned = _turning(data, known, spin, omega_sd, clock_sd, rate_drift_sd, period)
+    motion = _motion(data, known, spin, omega_sd, clock_sd, rate_drift_sd, period)
+    turned = motion.turned(data)
     values = {name: _surface(file, name) for name in known.materials}
     sizes = {
         (i, key): _drawn(f"{known.names[i]}_{key}", prior) for (i, key), prior in file.sizes.items()
     }
-    areas = _albedo_areas(file, values)
+    areas = albedo_areas(file, values)
     total = sum(areas.values())
     size = _size(total, scale_sd) if data.calibrated and scale_sd else jnp.ones(())
     for name, area in areas.items():
@@ -118,24 +120,49 @@ def model(
     sun, obs = turned(data.t)
     numpyro.deterministic(SUN, sun)
     numpyro.deterministic(OBS, obs)
-    lit = data.visible
-    if lit is None and shadows:
-        lit = known.assembly.lit_and_seen(sun, obs)
-        if lit is not None:
-            numpyro.deterministic(LIT, lit)
+    if data.expansion is not None:
+        near = _near(motion, data.expansion.middle, known, spin)
+        shape = body_expansion.shape_of(file, values, sizes)
+        weights = body_expansion.weights(file, values)
+        flux = data.expansion(jnp.concatenate([near, shape]), weights)
+    else:
+        lit = data.visible
+        if lit is None and shadows:
+            lit = known.assembly.lit_and_seen(sun, obs)
+            if lit is not None:
+                numpyro.deterministic(LIT, lit)
+        flux = _light(data, known, turned, values, sizes, shadows, lit)
+    zero_point = nuisances.ZeroPointPrior(zero_point_sd, zero_point_spread)
+    likelihood.observe(data, size * flux, noise_law, scatter, False, zero_point, correlated_noise)
+
+
+def _light(
+    data: Epochs,
+    known: KnownBody,
+    turned: body_motion.Turned,
+    values,
+    sizes,
+    shadows: bool,
+    lit: jax.Array | None,
+) -> jax.Array:
+    """Flux (T,) of a body of the size of its file; ``lit`` is that of instantaneous points."""
+    if not data.has_exposure:
+        return known.flux(*turned(data.t), values, shadows, sizes, lit)
 
     def seen(t):
-        return size * known.flux(*turned(t), values, shadows, sizes, data.visible)
+        return known.flux(*turned(t), values, shadows, sizes, data.visible)
 
-    if data.has_exposure:
-        mean = photometry.exposed(seen, data.exposure_s)(data.t)
-    else:
-        mean = size * known.flux(sun, obs, values, shadows, sizes, lit)
-    zero_point = nuisances.ZeroPointPrior(zero_point_sd, zero_point_spread)
-    likelihood.observe(data, mean, noise_law, scatter, False, zero_point, correlated_noise)
+    return photometry.exposed(seen, data.exposure_s)(data.t)
 
 
-def _turning(
+def _near(motion: body_motion.Motion, middle, known: KnownBody, spin: str) -> jax.Array:
+    """Coordinates of a motion about the attitude ``middle``, without redundant ones."""
+    if spin == "flat":
+        return motion.near(middle, known.flat_axis, None)
+    return motion.near(middle, None, known.symmetry.axis)
+
+
+def _motion(
     data: Epochs,
     known: KnownBody,
     spin: str,
@@ -143,8 +170,7 @@ def _turning(
     clock_sd: float,
     rate_drift_sd: float,
     period: str = "",
-) -> body_motion.Turned:
-    """Directions in body axes as functions of time."""
+) -> body_motion.Motion:
     given = KnownSpin.of(period)
     prior = None if given is None else given.prior(omega_sd, data)
     if spin == "flat":
@@ -152,7 +178,7 @@ def _turning(
         attitude, omega = body_motion.flat_spin(known.flat_axis, omega_sd, along)
     else:
         attitude, omega = body_motion.free_spin(known.symmetry.axis, omega_sd, prior)
-    return body_motion.turning(data, attitude, omega, clock_sd, rate_drift_sd)
+    return body_motion.Motion.of(data, attitude, omega, clock_sd, rate_drift_sd)
 
 
 def _file(body: str, spin: str, shadows: bool, tolerance: float = 0.0) -> BodyFile:
@@ -202,28 +228,18 @@ def _size(albedo_area, scale_sd: float):
     return jnp.asarray(numpyro.deterministic("size", jnp.exp(total) / albedo_area))
 
 
-def _albedo_areas(file: BodyFile, values):
-    """Area times reflectance of each material, m²; with the median sizes if they are unknown."""
-    areas = {}
-    for name, area in file.body.areas.items():
-        every = {**file.body.materials[name].parameters, **values[name]}
-        share = sum(every[k] / unit for k, unit in DIFFUSE_UNIT.items() if k in every)
-        areas[name] = jnp.asarray(area * share)
-    return areas
-
-
 def resolved(options):
     """The options with the text of the body in place of its name or file."""
     return {**options, "body": body_text(options["body"])}
 
 
-def _motion(sites, epochs: Epochs, file: BodyFile, options) -> body_motion.Turned:
-    """Directions in body axes for given values of all sites."""
+def _motion_at(sites, epochs: Epochs, file: BodyFile, options) -> body_motion.Motion:
+    """The motion for given values of all sites."""
     defaults = signature(model).parameters
     names = ("spin", "omega_sd", "clock_sd", "rate_drift_sd", "period")
     given = {name: options.get(name, defaults[name].default) for name in names}
     with handlers.block(), handlers.substitute(data=dict(sites)):
-        return _turning(epochs, file.body, **given)
+        return _motion(epochs, file.body, **given)
 
 
 def shadows_left_out(
@@ -244,18 +260,15 @@ def shadows_left_out(
     file = read_body_text(options["body"])
     if options.get("shadows", True) and file.body.assembly.shaded:
         return None
-    sizes = {key: float(draws[0][f"{file.body.names[key[0]]}_{key[1]}"]) for key in file.sizes}
+    sizes = {key: float(length) for key, length in _lengths(draws[0], file).items()}
     shaded = with_shadows(options["body"], sizes)
     if shaded.assembly.method == "none":
         return None
 
     @jax.jit
     def change(sites: Mapping[str, jax.Array], epochs: Epochs) -> jax.Array:
-        turned = _motion(sites, epochs, file, options)
-        values = {
-            name: {key: sites[f"{name}_{key}"] for key in unknown}
-            for name, unknown in file.priors.items()
-        }
+        turned = _motion_at(sites, epochs, file, options).turned(epochs)
+        values = _values(sites, file)
 
         def taken(t: jax.Array) -> jax.Array:
             seen = turned(t)
@@ -282,7 +295,7 @@ def coordinates(
     """Coordinates of the sampler: rate and direction of ω, if the body may turn many times; of a
     flat spin the turn about the bisector, if that hardly moves; products of size and reflectances.
     """
-    products = _products(read_body_text(body), scale_sd if data.calibrated else None)
+    products = products_of(read_body_text(body), scale_sd if data.calibrated else None)
     if spin == "free":
         motion = rate_and_direction(spin, omega_sd, period, float(data.t_span)) or {}
         return {**motion, **products} or None
@@ -294,33 +307,6 @@ def coordinates(
         if nearest >= np.cos(np.deg2rad(STILL_DEG)):
             return {"attitude_base": body_motion.TurnAboutBisector(mean), **products}
     return products or None
-
-
-def _products(
-    file: BodyFile, scale_sd: float | None
-) -> dict[str | tuple[str, ...], ReflectanceProducts]:
-    """Joint coordinates of reflectances, and of the size if the data fix their products with it.
-
-    The prior sd of ln size is None for data without calibration.
-    """
-    nothing = {name: dict.fromkeys(file.priors[name], 0.0) for name in file.body.materials}
-    constant = float(sum(_albedo_areas(file, nothing).values()))
-    made: dict[str, Reflectance] = {}
-    for key, unit in reversed(DIFFUSE_UNIT.items()):  # the specular ones first
-        for name, area in file.body.areas.items():
-            if (prior := file.priors[name].get(key)) is not None:
-                mirror, law = f"{name}_r_spec", LAWS[file.body.materials[name].law]
-                below = law.layered and key == "r_diff" and mirror in made
-                above = [*made].index(mirror) if below else None
-                uniform = prior.kind == "uniform"
-                ends = (prior.first, prior.second) if uniform else (0.0, np.inf)
-                site = f"{name}_{key}" if uniform else f"log_{name}_{key}"
-                made[site] = Reflectance(*ends, area / unit, above)
-    if scale_sd is None and len(made) > 1:
-        return {tuple(made): ReflectanceProducts([*made.values()], None)}
-    if scale_sd and made:
-        return {("log_brightness", *made): ReflectanceProducts([*made.values()], constant)}
-    return {}
 
 
 def search(problem, data: Epochs, options, workers: int, progress, checkpoint=None):  # noqa: ARG001
@@ -352,7 +338,7 @@ def search(problem, data: Epochs, options, workers: int, progress, checkpoint=No
     rough = {"shadows": False, "tolerance": tolerance}
     simple = Problem(partial(model, **loose | rough), apart.soft)
     # Without shadows, attitudes may be equivalent that are not so with them.
-    alike = _equivalents(bare, options["spin"], (1.0,))
+    alike = body_symmetry.equivalents(bare, options["spin"], (1.0,))
     if len(bare.symmetry.rotations) == len(symmetry.rotations) and not blind:
         alike = alike[:1]
     cell = np.array([start.cell for start in starts])
@@ -388,15 +374,65 @@ def _start(start: phases.Start, file: BodyFile, surface: Surface, options, unit:
         sites["attitude_base"] = quaternion
     every = {name: values.get(name, {}) for name in known.materials}
     scale = max(start.coefficients[0], 1e-6) / unit
-    sites["log_brightness"] = np.log(scale * float(sum(_albedo_areas(file, every).values())))
+    sites["log_brightness"] = np.log(scale * float(sum(albedo_areas(file, every).values())))
     return sites
 
 
 def guide(problem, data: Epochs, **options):
-    """`held_shadows` if a gradient with moving shadows takes many times as long, else None."""
-    file = read_body_text(options["body"], options.get("tolerance") or None)
-    dear = file.body.assembly.shadow_cost > DEAR_SHADOWS
-    return held_shadows(problem, data, **options) if dear else None
+    """Point (D,) -> epochs whose brightness is expanded about it; None if it is cheap."""
+    spin, shadows = options.get("spin", "flat"), options.get("shadows", True)
+    file = _file(options["body"], spin, shadows, float(options.get("tolerance", 0.0)))
+    known = file.body
+    cost = known.assembly.shadow_cost if shadows else 1.0
+    if data.t.size * known.assembly.body.areas.size * cost < MANY:
+        return None
+    ends = body_expansion.corners(file)
+
+    @jax.jit
+    def about(z: jax.Array, information: jax.Array, epochs: Epochs) -> Epochs:
+        middle = _motion_at(problem.constrain(z, epochs), epochs, file, options).attitude
+
+        def parts(z: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+            sites = problem.constrain(z, epochs)
+            values, sizes = _values(sites, file), _lengths(sites, file)
+            motion = _motion_at(sites, epochs, file, options)
+            turned = motion.turned(epochs)
+            lit = known.assembly.lit_and_seen(*turned(epochs.t)) if shadows else None
+
+            def seen(end) -> jax.Array:
+                given = {name: {**values[name], **end.get(name, {})} for name in values}
+                return _light(epochs, known, turned, given, sizes, shadows, lit)
+
+            shape = body_expansion.shape_of(file, values, sizes)
+            near = jnp.concatenate([_near(motion, middle, known, spin), shape])
+            return near, body_expansion.weights(file, values), jax.vmap(seen)(ends)
+
+        few = jax.eval_shape(parts, z)[0].size
+        number = body_expansion.FITTED * body_expansion.number_of_monomials(few)
+        root = jnp.linalg.cholesky(information)  # F = root rootᵀ
+        unit = LIKELY_SD * jax.random.normal(jax.random.key(0), (number, z.size))
+        drawn = z + solve_triangular(root, unit.T, lower=True, trans=1).T
+        expansion = BodyExpansion.of(middle, *jax.lax.map(parts, drawn))
+        return replace(epochs, expansion=expansion)
+
+    def at(z: np.ndarray) -> Epochs:
+        with TRACING:
+            return about(jnp.asarray(z), compiled(problem.fisher)(z, data), data)
+
+    return at
+
+
+def _values(sites, file: BodyFile):
+    """The unknown parameters of each material."""
+    return {
+        name: {key: sites[f"{name}_{key}"] for key in unknown}
+        for name, unknown in file.priors.items()
+    }
+
+
+def _lengths(sites, file: BodyFile):
+    """The unknown lengths."""
+    return {key: sites[f"{file.body.names[key[0]]}_{key[1]}"] for key in file.sizes}
 
 
 def held_shadows(problem, data: Epochs, **options):
@@ -412,7 +448,7 @@ def held_shadows(problem, data: Epochs, **options):
 
     @jax.jit
     def held(z: jax.Array, epochs: Epochs) -> Epochs:
-        turned = _motion(problem.constrain(z, epochs), epochs, file, options)
+        turned = _motion_at(problem.constrain(z, epochs), epochs, file, options).turned(epochs)
         return replace(epochs, visible=assembly.lit_and_seen(*turned(epochs.t)))
 
     def about(z: np.ndarray) -> Epochs:
@@ -429,32 +465,8 @@ def equivalents(
     shadows: bool = True,
     **options: object,  # noqa: ARG001
 ):
-    """Matrices on the sites of the motion that give the same motion of the same body.
-
-    A body that looks the same after a rotation G of its axes has the attitudes A and A G; and each
-    rotation is two quaternions. The first is the identity.
-    """
-    return _equivalents(_file(body, spin, shadows).body, spin)
-
-
-def _equivalents(known: KnownBody, spin: str, signs: Sequence[float] = (1.0, -1.0)):
-    """`equivalents` of a body, with these signs of the quaternions."""
-    symmetry = known.symmetry
-    if spin == "free" and symmetry.axis is not None:
-        flips = any(m @ symmetry.axis @ symmetry.axis < 0.0 for m in symmetry.rotations)
-        return [{"axis_base": sign * np.eye(3)} for sign in ((1.0, -1.0) if flips else (1.0,))]
-    distinct = []
-    for rotation in symmetry.rotations:
-        along = float(rotation @ known.flat_axis @ known.flat_axis)
-        if spin == "flat" and abs(abs(along) - 1.0) > 1e-6:
-            continue
-        right = _right(Rotation.from_matrix(rotation).as_quat(scalar_first=True))
-        for sign in signs:
-            one = {"attitude_base": sign * right}
-            if spin == "flat":
-                one["rate_unit"] = np.array([[np.sign(along)]])
-            distinct.append(one)
-    return distinct
+    """Matrices on the sites of the motion that give the same motion of the same body."""
+    return body_symmetry.equivalents(_file(body, spin, shadows).body, spin)
 
 
 def mirrored(
@@ -465,36 +477,5 @@ def mirrored(
     shadows: bool = True,
     **options: object,  # noqa: ARG001
 ):
-    """Matrices of the reflection R in the plane of Sun and observer, if the body has one too.
-
-    If M is a reflection of the body, R A M and −R ω give the brightness of A and ω. −R is half a
-    turn about the normal of the plane, and −M a rotation.
-    """
-    known = _file(body, spin, shadows).body
-    half = 2.0 * np.outer(normal, normal) - np.eye(3)
-    left = np.concatenate([[0.0], normal])
-    axis = known.symmetry.axis if spin == "free" else None
-    for reflection in known.symmetry.reflections:
-        along = float(-reflection @ known.flat_axis @ known.flat_axis)
-        if spin == "flat" and abs(abs(along) - 1.0) > 1e-6:
-            continue
-        if axis is not None:
-            return {"omega_unit": half, "axis_base": np.sign(-reflection @ axis @ axis) * half}
-        right = _right(Rotation.from_matrix(-reflection).as_quat(scalar_first=True))
-        sites = {"attitude_base": _left(left) @ right}
-        if spin == "flat":
-            return sites | {"rate_unit": np.array([[np.sign(along)]])}
-        return sites | {"omega_unit": half}
-    return None
-
-
-def _left(q: np.ndarray) -> np.ndarray:
-    """The matrix (4, 4) of the product of a quaternion with q on its left."""
-    w, x, y, z = q
-    return np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]])
-
-
-def _right(q: np.ndarray) -> np.ndarray:
-    """The matrix (4, 4) of the product of a quaternion with q on its right."""
-    w, x, y, z = q
-    return np.array([[w, -x, -y, -z], [x, w, z, -y], [y, -z, w, x], [z, y, -x, w]])
+    """Matrices of the reflection in the plane of Sun and observer, if the body has one too."""
+    return body_symmetry.mirrored(_file(body, spin, shadows).body, spin, normal)

@@ -7,6 +7,7 @@ depends on the rate. It is recorded at t = 0.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 import numpyro
@@ -189,31 +190,82 @@ def _attitude() -> jax.Array:
     return matrix(base)
 
 
-def turning(
-    data: Epochs, attitude: jax.Array, omega: jax.Array, clock_sd: float, rate_drift_sd: float
-) -> Turned:
-    """Directions in body axes, with errors of clocks and a drift of the rate.
+class Motion(NamedTuple):
+    """Rotation at a constant rate, with errors of clocks and a drift of the rate.
 
-    Returns
-    -------
-    callable
-        ``(sun_body, obs_body)``, (T, 3) each, at the recorded times t of the epochs. The directions
-        are those of the recorded times, moved to the true ones.
+    Attributes
+    ----------
+    attitude : (3, 3)
+        Body to inertial axes in the middle of the light curve.
+    omega : (3,) rad/s
+        Inertial axes.
+    offsets : (n_observers + 1,) s or None
+        Of the clock of each observer, and of any other.
+    drift : scalar or None
+        Relative change of the rate over the light curve.
     """
-    rate = jnp.sqrt(jnp.sum(omega**2) + 1e-30)
-    late = nuisances.clock(data, clock_sd)
-    drift = nuisances.rate_drift(data, rate, rate_drift_sd)
-    true = nuisances.moved(data, late)
 
-    def since_middle(t: jax.Array) -> jax.Array:
-        elapsed = t - data.t_middle
-        return elapsed if drift is None else elapsed + drift * elapsed**2 / (2.0 * data.t_span)
+    attitude: jax.Array
+    omega: jax.Array
+    offsets: jax.Array | None
+    drift: jax.Array | None
 
-    def to_body(t: jax.Array) -> tuple[jax.Array, jax.Array]:
-        elapsed = since_middle(t if late is None else t + late)
-        sun, obs = rotations.constant_rate_to_body(elapsed, omega, true.sun, true.obs)
-        return sun @ attitude, obs @ attitude
+    @classmethod
+    def of(
+        cls,
+        data: Epochs,
+        attitude: jax.Array,
+        omega: jax.Array,
+        clock_sd: float,
+        rate_drift_sd: float,
+    ) -> Motion:
+        """With offsets and drift drawn from their priors."""
+        rate = jnp.sqrt(jnp.sum(omega**2) + 1e-30)
+        offsets = nuisances.clock_offsets(data, clock_sd)
+        return cls(attitude, omega, offsets, nuisances.rate_drift(data, rate, rate_drift_sd))
 
-    start = rotations.constant_rate(since_middle(jnp.zeros(1)), omega)[0] @ attitude
-    numpyro.deterministic("attitude", start)
-    return to_body
+    def turned(self, data: Epochs) -> Turned:
+        """Directions in body axes; records the attitude at t = 0.
+
+        Returns
+        -------
+        callable
+            ``(sun_body, obs_body)``, (T, 3) each, at the recorded times t of the epochs. The
+            directions are those of the recorded times, moved to the true ones.
+        """
+        attitude, omega, offsets, drift = self
+        late = None if offsets is None else offsets[data.observer]
+        true = nuisances.moved(data, late)
+
+        def since_middle(t: jax.Array) -> jax.Array:
+            elapsed = t - data.t_middle
+            return elapsed if drift is None else elapsed + drift * elapsed**2 / (2.0 * data.t_span)
+
+        def to_body(t: jax.Array) -> tuple[jax.Array, jax.Array]:
+            elapsed = since_middle(t if late is None else t + late)
+            sun, obs = rotations.constant_rate_to_body(elapsed, omega, true.sun, true.obs)
+            return sun @ attitude, obs @ attitude
+
+        start = rotations.constant_rate(since_middle(jnp.zeros(1)), omega)[0] @ attitude
+        numpyro.deterministic("attitude", start)
+        return to_body
+
+    def near(
+        self, middle: jax.Array, flat_axis: ArrayLike | None, axis: ArrayLike | None
+    ) -> jax.Array:
+        """Coordinates about the attitude ``middle``, without redundant ones.
+
+        Half the antisymmetric part of the rotation from there, body axes; the rate of a flat spin
+        or ω; offsets of the observers' clocks; drift. A turn about an axis of symmetry is left out.
+        """
+        r = middle.T @ self.attitude
+        turn = 0.5 * jnp.stack([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
+        if axis is not None:
+            turn = jnp.asarray(np.linalg.svd(np.asarray(axis)[None])[2][1:]) @ turn
+        spin = self.omega
+        if flat_axis is not None:
+            spin = spin @ (self.attitude @ jnp.asarray(flat_axis))
+        parts = [turn, spin, self.drift]
+        if self.offsets is not None:
+            parts.append(self.offsets[:-1])
+        return jnp.concatenate([jnp.atleast_1d(x) for x in parts if x is not None])

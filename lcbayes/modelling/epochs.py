@@ -15,6 +15,7 @@ from lcbayes.data.observers import direction_rates, matched, matched_nights, obs
 from lcbayes.data.segments import PASS, pass_numbers, split
 from lcbayes.geometry import earth
 from lcbayes.geometry.times import seconds_between
+from lcbayes.modelling.body_expansion import BodyExpansion
 from lcbayes.modelling.ephemeris import ephemeris
 from lcbayes.modelling.expansion import Expansion
 from lcbayes.modelling.pass_effects import Passes
@@ -97,8 +98,8 @@ class Epochs:
         Power to which the likelihood of a point is raised; 1 for independent errors.
     visible : (T, N) or None
         Lit and seen share of each panel of a known body, where shadows are fixed (`models.body`).
-    expansion : Expansion or None
-        The brightness about one solution, in place of that of all facets (`models.convex_grid`).
+    expansion : Expansion, BodyExpansion or None
+        The brightness about one solution, as a polynomial (`models.convex_grid`, `models.body`).
     kind : "flux" or "mag"
     has_error, has_exposure : bool
     free_scale : (C,) bools
@@ -148,7 +149,7 @@ class Epochs:
     obs_rate: jax.Array
     information: jax.Array
     visible: jax.Array | None = None
-    expansion: Expansion | None = None
+    expansion: Expansion | BodyExpansion | None = None
     kind: str = _static("flux")
     has_error: bool = _static(True)
     has_exposure: bool = _static(False)

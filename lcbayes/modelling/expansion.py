@@ -10,7 +10,7 @@ from collections.abc import Callable
 from functools import lru_cache
 from itertools import combinations_with_replacement
 from math import isqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,14 +29,18 @@ type Light = Callable[[jax.Array, jax.Array, jax.Array], jax.Array]
 
 
 @lru_cache
-def _exponents() -> NDArray[np.int64]:
-    """Exponents (20, 3) of the monomials of the motion, by increasing degree."""
-    every = (c for n in range(4) for c in combinations_with_replacement(range(MOTION), n))
-    return np.array([[c.count(i) for i in range(MOTION)] for c in every])
+def factors(size: int, degree: int) -> NDArray[np.int64]:
+    """The factors (F, degree) of all monomials up to a degree, from (1, x₁ … x_size).
+
+    Monomials of lower degree come first.
+    """
+    return np.array([*combinations_with_replacement(range(size + 1), degree)])
 
 
-def _monomials(motion: jax.Array) -> jax.Array:
-    return jnp.prod(motion ** _exponents(), axis=-1)
+def monomials(x: Any, degree: int = 3) -> Any:
+    """The monomials (..., F) of x (..., size), 1 the first."""
+    x = jnp.concatenate([jnp.ones((*x.shape[:-1], 1)), x], axis=-1)
+    return jnp.prod(x[..., factors(x.shape[-1] - 1, degree)], axis=-1)
 
 
 @lru_cache
@@ -50,8 +54,8 @@ def _motions() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     even = qmc.Halton(MOTION, scramble=False).fast_forward(1).random(POINTS)
     motions = np.clip(SPREAD * ndtri(even), -REACH, REACH)
     motions = np.concatenate([np.zeros((1, MOTION)), motions])
-    rows = np.prod(motions[:, None] ** _exponents(), axis=-1)
-    return motions, np.linalg.pinv(rows)
+    with jax.ensure_compile_time_eval():
+        return motions, np.linalg.pinv(np.asarray(monomials(motions)))
 
 
 class Expansion(NamedTuple):
@@ -161,7 +165,7 @@ class Expansion(NamedTuple):
             axes, centre, widths, area, lambert, cubic, linear, jnp.eye(len(f)), response, harmonics
         )
         motions, areas, lamberts = likely
-        m = jax.vmap(_monomials)((motions - centre) / widths)
+        m = monomials((motions - centre) / widths)
         curves = response @ jax.vmap(whole._deviations)(m, areas, lamberts).T
         components = jnp.linalg.svd(curves, full_matrices=False)[0][:, :RANK]
         kept = (x.astype(jnp.float32) for x in (components, components.T @ response))
@@ -174,7 +178,7 @@ class Expansion(NamedTuple):
 
     def __call__(self, motion: jax.Array, area: jax.Array, lambert: jax.Array) -> jax.Array:
         """f (T,) of a motion (3,), areas (N,) and c."""
-        m, change = _monomials((motion - self.centre) / self.widths), lambert - self.lambert
+        m, change = monomials((motion - self.centre) / self.widths), lambert - self.lambert
         deviations = self._deviations(m, area, lambert).astype(self.response.dtype)
         flux = m @ self.cubic + change * (m[:LINEAR] @ self.linear)
         return flux + (self.components @ (self.response @ deviations)).astype(flux.dtype)

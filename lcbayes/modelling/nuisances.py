@@ -184,7 +184,13 @@ def drawn(draws: Mapping[str, NDArray], rng: np.random.Generator) -> dict[str, N
 
 
 def clock(data: Epochs, sd: float = CLOCK_SD) -> jax.Array | None:
-    """Time (T,) s to be added to the recorded times; None if it is not modelled.
+    """Time (T,) s to be added to the recorded times; None if it is not modelled."""
+    offset = clock_offsets(data, sd)
+    return None if offset is None else offset[data.observer]
+
+
+def clock_offsets(data: Epochs, sd: float = CLOCK_SD) -> jax.Array | None:
+    """Offset of each observer and of any other, s; None if they are not modelled.
 
     The ``clock_offset`` of each observer is sd times a `heavy_tailed` normal number, independent of
     the others; a clock that is ahead has a negative offset. A common offset is included: it changes
@@ -196,7 +202,7 @@ def clock(data: Epochs, sd: float = CLOCK_SD) -> jax.Array | None:
     unit = jnp.asarray(numpyro.sample("clock_offset_unit", normal))
     offset = sd * heavy_tailed(unit)
     numpyro.deterministic("clock_offset", offset[:-1])  # the last has no data
-    return offset[data.observer]
+    return offset
 
 
 def heavy_tailed(unit: Any) -> Any:

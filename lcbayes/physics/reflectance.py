@@ -286,13 +286,16 @@ class Parameter(NamedTuple):
     default: float | None = None
 
 
+REFLECTANCES = ("r_diff", "r_spec", "w")  # parameters that are fractions of the incident light
+
+
 class Law(NamedTuple):
     """A reflectance law with the properties used by models, scenarios and the command line.
 
     If `sum_to_one` is true, energy conservation requires r_diff + r_spec ≤ 1; for the other laws
     the bounds are sufficient. If `diffuse` is true, f_r is a factor per facet times the kernel of
     the same name in `brightness.flux`. If `layered` is true, the diffuse part is proportional to
-    r_diff (1 − r_spec).
+    r_diff (1 − r_spec). If `multilinear` is true, f_r is linear in each of its `REFLECTANCES`.
     """
 
     brdf: Callable[[Geometry, Parameters], jax.Array]
@@ -300,6 +303,7 @@ class Law(NamedTuple):
     sum_to_one: bool = False
     diffuse: bool = False
     layered: bool = False
+    multilinear: bool = True
 
 
 _R_DIFF = Parameter(0.0, 1.0, "diffuse reflectance d·ρ")
@@ -320,6 +324,7 @@ LAWS: dict[str, Law] = {
         cook_torrance,
         {"r_diff": _R_DIFF, "r_spec": _R_SPEC, "m": Parameter(1e-3, 1.0, "rms slope")},
         sum_to_one=True,
+        multilinear=False,
     ),
     "blinn-phong": Law(
         blinn_phong,

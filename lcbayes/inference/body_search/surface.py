@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.physics.reflectance import REFLECTANCES
 from lcbayes.simulation.known_bodies.reader import BodyFile, Prior
 
 Floats = NDArray[np.float64]
 
-LINEAR = ("r_diff", "r_spec", "w")  # parameters of reflectance laws in which they are nearly linear
 ATTITUDES, EPOCHS = 32, 64  # random ones, and epochs of each
 INSIDE = 0.05  # of a prior's range, that starts keep from its ends
 MOST = 5  # combinations of reflectances
@@ -61,7 +61,7 @@ class Surface(NamedTuple):
             (name, key): prior
             for name, given in file.priors.items()
             for key, prior in given.items()
-            if key in LINEAR
+            if key in REFLECTANCES
         }
         centre, width = jnp.asarray(_medians(priors)), jnp.asarray(_widths(priors))
 

@@ -109,15 +109,14 @@ def test_expected_information_is_that_of_differences() -> None:
     np.testing.assert_allclose(result, right, rtol=1e-5, atol=1e-6 * np.abs(right).max())
 
 
-def test_chains_follow_a_guide_where_shadows_are_dear(monkeypatch) -> None:
-    for shadows, dear, name in ((True, 1.0, "guided"), (True, 20.0, "nuts"), (False, 1.0, "nuts")):
-        monkeypatch.setattr(body, "DEAR_SHADOWS", dear)
-        problem, data, _, held = problem_and_guide(bar(shadows))
-        assert (held is None) == (not shadows)
+def test_chains_follow_an_expansion_where_a_gradient_is_slow(monkeypatch) -> None:
+    for many, name in ((500.0, "guided"), (2000.0, "nuts")):  # of 80 epochs times 12 panels
+        monkeypatch.setattr(body, "MANY", many)
+        problem, data, *_ = problem_and_guide(bar(shadows=True))
         stages = Stages.of(
             problem,
             registry.find("body"),
-            {"body": bar(shadows)},
+            {"body": bar(shadows=True)},
             Settings(),
             None,  # pyright: ignore[reportArgumentType]
             None,  # pyright: ignore[reportArgumentType]
