@@ -12,7 +12,7 @@ the body that is fitted has none. χ² of the best end point, or the largest shi
 of parameters by the shadows computed there, shows whether that is noticed. With --fit, each curve
 is fitted by `lcbayes.fit` instead: is it trusted, is the motion right, and which of rate, pole and
 surface lie outside their 90 % intervals in the solution of weight above 5 % whose motion is closest
-to the truth? One row a case is appended to bodies.csv in DIR; cases that are there are not repeated.
+to the truth? One row a case is appended to bodies.csv in DIR; cases there are not repeated.
 """
 
 from __future__ import annotations
@@ -129,9 +129,10 @@ def _right(case: Case, omega: np.ndarray) -> bool:
 
 def _apart(case: Case, omega: np.ndarray) -> tuple[float, float]:
     """From the truth: the pole, over 10 degrees, and the rate, over half a turn in all."""
-    rate, true = np.linalg.norm(omega), np.linalg.norm(case.omega)
-    angle = np.degrees(np.arccos(np.clip(omega @ case.omega / (rate * true), -1.0, 1.0)))
-    return angle / 10.0, float(abs(rate - true) * np.ptp(case.curve.t) / np.pi)
+    rate, true = float(np.linalg.norm(omega)), float(np.linalg.norm(case.omega))
+    cosine = float(np.clip(omega @ case.omega / (rate * true), -1.0, 1.0))
+    turns = abs(rate - true) * float(np.ptp(case.curve.t)) / np.pi
+    return float(np.degrees(np.arccos(cosine))) / 10.0, turns
 
 
 def fitted(case: Case, given: dict[str, object]) -> dict[str, object]:

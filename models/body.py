@@ -120,7 +120,7 @@ def model(
     sun, obs = turned(data.t)
     numpyro.deterministic(SUN, sun)
     numpyro.deterministic(OBS, obs)
-    if data.expansion is not None:
+    if isinstance(data.expansion, BodyExpansion):
         near = _near(motion, data.expansion.middle, known, spin)
         shape = body_expansion.shape_of(file, values, sizes)
         weights = body_expansion.weights(file, values)

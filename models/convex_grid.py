@@ -126,10 +126,10 @@ def model(
     reported = jax.nn.softmax(coarse @ coefficients + log_coarse)
     numpyro.deterministic("albedo_area", SPHERE * size * reported)
 
-    if data.expansion is None:
-        flux = _light(data, normals, pole, period_s, SPHERE * share, lambert)
-    else:
+    if isinstance(data.expansion, Expansion):
         flux = data.expansion(_motion(pole, shift, data.expansion.axes), SPHERE * share, lambert)
+    else:
+        flux = _light(data, normals, pole, period_s, SPHERE * share, lambert)
     zero_point = nuisances.ZeroPointPrior(zero_point_sd)
     flux = surface * size * flux
     likelihood.observe(data, flux, noise_law, scatter, False, zero_point, correlated_noise)
