@@ -15,18 +15,19 @@ from scipy.spatial.transform import Rotation
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.inference import body_symmetry
 from lcbayes.inference.body_search import cells, phases, turns
 from lcbayes.inference.body_search.surface import Surface
 from lcbayes.inference.label_switching import AttitudeOrder
 from lcbayes.inference.spin_search.allowed import Allowed
-from lcbayes.modelling import body_expansion, body_motion, body_symmetry, likelihood, nuisances
+from lcbayes.modelling import body_expansion, body_motion, likelihood, nuisances
 from lcbayes.modelling.body_expansion import BodyExpansion
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.known_spin import MIN_BISECTOR, KnownSpin, RatePrior
 from lcbayes.modelling.problem import LIT, OBS, SUN, TRACING, Coordinates, Problem, compiled
-from lcbayes.modelling.reflectance_products import albedo_areas, products_of
 from lcbayes.modelling.spin_coordinates import rate_and_direction
 from lcbayes.physics import photometry
+from lcbayes.simulation.known_bodies import reflectances
 from lcbayes.simulation.known_bodies.body import KnownBody
 from lcbayes.simulation.known_bodies.reader import (
     BodyFile,
@@ -111,7 +112,7 @@ def model(
     sizes = {
         (i, key): _drawn(f"{known.names[i]}_{key}", prior) for (i, key), prior in file.sizes.items()
     }
-    areas = albedo_areas(file, values)
+    areas = reflectances.albedo_areas(file, values)
     total = sum(areas.values())
     size = _size(total, scale_sd) if data.calibrated and scale_sd else jnp.ones(())
     for name, area in areas.items():
@@ -122,8 +123,8 @@ def model(
     numpyro.deterministic(OBS, obs)
     if isinstance(data.expansion, BodyExpansion):
         near = _near(motion, data.expansion.middle, known, spin)
-        shape = body_expansion.shape_of(file, values, sizes)
-        weights = body_expansion.weights(file, values)
+        shape = reflectances.shape_of(file, values, sizes)
+        weights = reflectances.weights(file, values)
         flux = data.expansion(jnp.concatenate([near, shape]), weights)
     else:
         lit = data.visible
@@ -295,7 +296,7 @@ def coordinates(
     """Coordinates of the sampler: rate and direction of ω, if the body may turn many times; of a
     flat spin the turn about the bisector, if that hardly moves; products of size and reflectances.
     """
-    products = products_of(read_body_text(body), scale_sd if data.calibrated else None)
+    products = reflectances.products_of(read_body_text(body), scale_sd if data.calibrated else None)
     if spin == "free":
         motion = rate_and_direction(spin, omega_sd, period, float(data.t_span)) or {}
         return {**motion, **products} or None
@@ -374,7 +375,9 @@ def _start(start: phases.Start, file: BodyFile, surface: Surface, options, unit:
         sites["attitude_base"] = quaternion
     every = {name: values.get(name, {}) for name in known.materials}
     scale = max(start.coefficients[0], 1e-6) / unit
-    sites["log_brightness"] = np.log(scale * float(sum(albedo_areas(file, every).values())))
+    sites["log_brightness"] = np.log(
+        scale * float(sum(reflectances.albedo_areas(file, every).values()))
+    )
     return sites
 
 
@@ -386,7 +389,7 @@ def guide(problem, data: Epochs, **options):
     cost = known.assembly.shadow_cost if shadows else 1.0
     if data.t.size * known.assembly.body.areas.size * cost < MANY:
         return None
-    ends = body_expansion.corners(file)
+    ends = reflectances.corners(file)
 
     @jax.jit
     def about(z: jax.Array, information: jax.Array, epochs: Epochs) -> Epochs:
@@ -403,9 +406,9 @@ def guide(problem, data: Epochs, **options):
                 given = {name: {**values[name], **end.get(name, {})} for name in values}
                 return _light(epochs, known, turned, given, sizes, shadows, lit)
 
-            shape = body_expansion.shape_of(file, values, sizes)
+            shape = reflectances.shape_of(file, values, sizes)
             near = jnp.concatenate([_near(motion, middle, known, spin), shape])
-            return near, body_expansion.weights(file, values), jax.vmap(seen)(ends)
+            return near, reflectances.weights(file, values), jax.vmap(seen)(ends)
 
         few = jax.eval_shape(parts, z)[0].size
         number = body_expansion.FITTED * body_expansion.number_of_monomials(few)

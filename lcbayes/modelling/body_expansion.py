@@ -6,21 +6,15 @@ it in the shadows between its parts. Near one solution the brightness hardly ben
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from itertools import product
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.modelling.expansion import factors, monomials
-from lcbayes.physics.reflectance import LAWS, REFLECTANCES
-from lcbayes.simulation.known_bodies.reader import BodyFile
 
 DEGREES = (3, 2)  # the first of them with few enough monomials
 MOST_MONOMIALS = 300
 RANK = 60  # number of components of the light curves
 FITTED = 3  # number of draws for each monomial
-
-type Numbers = Mapping[str, Mapping[str, Any]]  # material → parameter → value
 
 
 def _degree(size: int) -> int:
@@ -42,7 +36,7 @@ class BodyExpansion(NamedTuple):
 
         f(t) = Σₖ wₖ fₖ(p, t),
 
-    where wₖ is a product of reflectances r and of 1 − r (`weights`). Each fₖ is replaced by the
+    where wₖ is a product of reflectances r and of 1 − r. Each fₖ is replaced by the
     polynomial that fits it best at draws about the solution. Of all light curves only the principal
     components of those of the draws are kept.
 
@@ -90,65 +84,3 @@ class BodyExpansion(NamedTuple):
         m = monomials(self.whitening @ (p - self.centre), _degree(p.size))
         each = jnp.outer(m, weights).ravel().astype(self.response.dtype)
         return (self.components @ (self.response @ each)).astype(m.dtype)
-
-
-def unknown_reflectances(file: BodyFile) -> dict[str, tuple[str, ...]]:
-    """The unknown parameters of each material in which its brightness is linear."""
-    materials = file.body.materials
-    return {
-        name: tuple(k for k in unknown if k in REFLECTANCES)
-        for name, unknown in file.priors.items()
-        if LAWS[materials[name].law].multilinear
-    }
-
-
-def shape_of(file: BodyFile, values: Numbers, sizes: Mapping[Any, Any]) -> jax.Array:
-    """The other unknown numbers: lobes and lengths, logarithms of those of log-normal priors."""
-    linear = unknown_reflectances(file)
-    others = [
-        (prior, values[name][key])
-        for name, unknown in file.priors.items()
-        for key, prior in unknown.items()
-        if key not in linear.get(name, ())
-    ]
-    others += [(prior, sizes[key]) for key, prior in file.sizes.items()]
-    numbers = [jnp.log(x) if prior.kind == "log-normal" else x for prior, x in others]
-    return jnp.stack([jnp.asarray(x) for x in numbers]) if numbers else jnp.zeros(0)
-
-
-def _corners(linear: Mapping[str, tuple[str, ...]]) -> Iterator[tuple[str, tuple[int, ...]]]:
-    """Each material with each choice of 0 and 1 for its reflectances, but all 0."""
-    for name, keys in linear.items():
-        for ends in product((0, 1), repeat=len(keys)):
-            if any(ends):
-                yield name, ends
-
-
-def weights(file: BodyFile, values: Numbers) -> jax.Array:
-    """w (K,), of all reflectances 0 first."""
-    linear = unknown_reflectances(file)
-    each = [
-        jnp.prod(
-            jnp.stack(
-                [
-                    values[name][key] if end else 1.0 - values[name][key]
-                    for key, end in zip(linear[name], ends, strict=True)
-                ]
-            )
-        )
-        for name, ends in _corners(linear)
-    ]
-    return jnp.stack([1.0 - sum(each), *each])
-
-
-def corners(file: BodyFile) -> dict[str, dict[str, jax.Array]]:
-    """The reflectances (K,) of the K functions."""
-    linear = unknown_reflectances(file)
-    chosen = [("", ()), *_corners(linear)]
-    return {
-        name: {
-            key: jnp.array([float(one == name and ends[i]) for one, ends in chosen])
-            for i, key in enumerate(keys)
-        }
-        for name, keys in linear.items()
-    }

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpyro.distributions import constraints
 from numpyro.distributions.transforms import Transform
 
 from lcbayes.core.jax_setup import jax, jnp
-from lcbayes.physics.reflectance import LAWS
-from lcbayes.simulation.known_bodies.reader import BodyFile
 
 LEAST = 1e-6  # of the upper end of a prior's range, in place of a lower end at zero
 EDGE = 1e-12  # share of a span, that a point keeps from its ends
-DIFFUSE_UNIT = {"r_diff": 1.0, "r_spec": 1.0, "w": 4.0 * np.pi}  # for which area is albedo-area
 
 
 class Reflectance(NamedTuple):
@@ -187,40 +184,3 @@ def _narrowed(
         low = jnp.maximum(low, inside.start)
         high = jnp.minimum(high, inside.start + inside.width)
     return _Span(low, high - low)
-
-
-def albedo_areas(file: BodyFile, values: Mapping[str, Mapping[str, Any]]) -> dict[str, jax.Array]:
-    """Area times reflectance of each material, m²; with the median sizes if they are unknown."""
-    areas = {}
-    for name, area in file.body.areas.items():
-        every = {**file.body.materials[name].parameters, **values[name]}
-        share = sum(every[k] / unit for k, unit in DIFFUSE_UNIT.items() if k in every)
-        areas[name] = jnp.asarray(area * share)
-    return areas
-
-
-def products_of(
-    file: BodyFile, scale_sd: float | None
-) -> dict[str | tuple[str, ...], ReflectanceProducts]:
-    """Joint coordinates of reflectances, and of the size if the data fix their products with it.
-
-    The prior sd of ln size is None for data without calibration.
-    """
-    nothing = {name: dict.fromkeys(file.priors[name], 0.0) for name in file.body.materials}
-    constant = float(sum(albedo_areas(file, nothing).values()))
-    made: dict[str, Reflectance] = {}
-    for key, unit in reversed(DIFFUSE_UNIT.items()):  # the specular ones first
-        for name, area in file.body.areas.items():
-            if (prior := file.priors[name].get(key)) is not None:
-                mirror, law = f"{name}_r_spec", LAWS[file.body.materials[name].law]
-                below = law.layered and key == "r_diff" and mirror in made
-                above = [*made].index(mirror) if below else None
-                uniform = prior.kind == "uniform"
-                ends = (prior.first, prior.second) if uniform else (0.0, np.inf)
-                site = f"{name}_{key}" if uniform else f"log_{name}_{key}"
-                made[site] = Reflectance(*ends, area / unit, above)
-    if scale_sd is None and len(made) > 1:
-        return {tuple(made): ReflectanceProducts([*made.values()], None)}
-    if scale_sd and made:
-        return {("log_brightness", *made): ReflectanceProducts([*made.values()], constant)}
-    return {}

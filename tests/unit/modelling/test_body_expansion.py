@@ -19,6 +19,7 @@ from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem, compiled
 from lcbayes.models import body
 from lcbayes.samplers.chains import Whitening
+from lcbayes.simulation.known_bodies import reflectances
 from lcbayes.simulation.known_bodies.reader import read_body_text
 from tests.helpers.shaded_bar import ALBEDO, ATTITUDE, OMEGA, T, bar, curve, shaded_flux
 
@@ -110,7 +111,7 @@ def test_brightness_is_a_sum_of_bright_and_dark_materials(length: str) -> None:
         "metal": {"r_diff": 0.2, "r_spec": 0.4},
     }
     sizes = {(0, "z"): 0.9} if file.sizes else {}
-    ends = body_expansion.corners(file)
+    ends = reflectances.corners(file)
 
     def seen(i: int) -> np.ndarray:
         given = {
@@ -119,12 +120,12 @@ def test_brightness_is_a_sum_of_bright_and_dark_materials(length: str) -> None:
         }
         return np.asarray(file.body.flux(sun, obs, given, sizes=sizes))
 
-    weights = np.asarray(body_expansion.weights(file, values))
+    weights = np.asarray(reflectances.weights(file, values))
     assert len(weights) == 1 + 3 + 1 + 1
     total = sum(w * seen(i) for i, w in enumerate(weights))
     right = np.asarray(file.body.flux(sun, obs, values, sizes=sizes))
     np.testing.assert_allclose(total, right, rtol=1e-12, atol=1e-15)
-    shape = body_expansion.shape_of(file, values, sizes)
+    shape = reflectances.shape_of(file, values, sizes)
     assert list(shape) == [np.log(7.0), 0.2, 0.4, *([np.log(0.9)] if file.sizes else [])]
 
 
