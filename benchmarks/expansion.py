@@ -1,11 +1,12 @@
-"""Error and cost of the brightness of an asteroid expanded about a solution.
+"""Error and cost of the brightness expanded about the solution of a fit.
 
-    lcbayes fit CURVE --model convex-grid --period 5.762 -o DIR
-    python benchmarks/expansion.py CURVE 5.762 DIR
+    lcbayes fit 43_Ariadne_rel.lcs --model convex-grid --period 5.762h -o DIR
+    python benchmarks/expansion.py DIR ...
 
-ln posterior of draws of the most probable solution in DIR, with the brightness expanded about their
-mean, against the exact one, at the power of the likelihood that the correlated residuals leave. A
-constant difference changes nothing. The cost is that of a gradient, compiled, the least of many.
+For fits of asteroids (`convex-grid`) and of known bodies (`body`): ln posterior of draws of the
+most probable solution, with the brightness expanded about their mean, against the exact one, at the
+power of the likelihood that correlated residuals leave. A constant difference changes nothing. The
+cost is that of a gradient, compiled, the least of many.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from lcbayes.modelling import registry
 from lcbayes.modelling.constrained import potentials
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
-from lcbayes.models import convex_grid
+from lcbayes.results.light_curve import load_light_curve
 
 DRAWS, REPEATS = 200, 100
 
@@ -39,35 +40,39 @@ def gradient_ms(problem: Problem, z: np.ndarray, data: Epochs) -> float:
     return 1e3 * best
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description="Compare an expansion with the exact brightness.")
-    parser.add_argument("curve", type=Path)
-    parser.add_argument("period", type=float)
-    parser.add_argument("fit", type=Path)
-    given = parser.parse_args()
-    data = Epochs.of(lcbayes.read(given.curve))
-    entry = registry.find("convex-grid")
-    defaults = {o.name: o.default for o in entry.options.values()}
-    options = entry.check(defaults | {"period": given.period})
+def row_of(folder: Path) -> list[str]:
+    fit = lcbayes.load(folder)
+    data = Epochs.of(load_light_curve(fit.data))
+    entry = registry.find(fit.content["model"])
+    options = entry.check(fit.content["model_options"])
     problem = build_problem(entry, options, data)[1]
-    posterior = lcbayes.load(given.fit).data["modes/0/posterior"]
-    flat = {k: np.asarray(posterior[k]).reshape(-1, *posterior[k].shape[2:]) for k in problem.names}
-    rows = np.linspace(0, len(flat["pole_base"]) - 1, DRAWS).astype(int)
+    posterior = fit.data["modes/0/posterior"]
+    flat = {k: np.asarray(posterior[k]) for k in problem.names}
+    flat = {k: v.reshape(-1, *v.shape[2:]) for k, v in flat.items()}
+    rows = np.linspace(0, len(flat[problem.names[0]]) - 1, DRAWS).astype(int)
     z = np.stack([problem.ravel({k: jnp.asarray(v[i]) for k, v in flat.items()}) for i in rows])
     data = tempered(problem, z[0], data)
-    guide = convex_grid.guide(problem, data, **options)
+    hook = entry.hook("guide")
+    guide = None if hook is None else hook(problem, data, **options)
     if guide is None:
-        raise SystemExit(f"{given.curve.name}: too few points for an expansion")
+        raise SystemExit(f"{folder}: its model has no expansion, or its gradient is cheap")
     about = guide(z.mean(axis=0))
     change = potentials(problem, z, about) - potentials(problem, z, data)
     exact, expanded = (gradient_ms(problem, z[0], x) for x in (data, about))
-    row = [str(data.t.size), f"{change.std():.2f}", f"{np.ptp(change):.2f}"]
-    row += [f"{exact:.2f}", f"{expanded:.2f}", f"{exact / expanded:.1f}"]
-    heads = ["points", "sd of the error of ln posterior", "its range"]
+    row = [folder.name, fit.content["model"], str(data.t.size), str(problem.dim)]
+    row += [f"{change.std():.3f}", f"{np.ptp(change):.2f}"]
+    return [*row, f"{exact:.2f}", f"{expanded:.2f}", f"{exact / expanded:.1f}"]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Compare an expansion with the exact brightness.")
+    parser.add_argument("fits", type=Path, nargs="+", help="results folders of fits")
+    folders = parser.parse_args().fits
+    heads = ["fit", "model", "points", "D", "sd of the error of ln posterior", "its range"]
     heads += ["exact gradient (ms)", "expanded (ms)", "ratio"]
-    title = f"Asteroids: expanded brightness, {given.curve.stem}"
-    command = f"python benchmarks/expansion.py {given.curve.name} {given.period:g} DIR"
-    write_section(title, command, f"{DRAWS} draws.\n\n" + table(heads, [row]))
+    text = f"{DRAWS} draws.\n\n" + table(heads, [row_of(folder) for folder in folders])
+    names = " ".join(folder.name for folder in folders)
+    write_section("Expanded brightness", f"python benchmarks/expansion.py {names}", text)
 
 
 if __name__ == "__main__":

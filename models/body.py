@@ -9,7 +9,6 @@ from typing import Literal
 import numpy as np
 import numpyro
 import numpyro.distributions as dist
-from jax.scipy.linalg import solve_triangular
 from numpyro import handlers
 from scipy.spatial.transform import Rotation
 
@@ -23,6 +22,7 @@ from lcbayes.inference.spin_search.allowed import Allowed
 from lcbayes.modelling import body_expansion, body_motion, likelihood, nuisances
 from lcbayes.modelling.body_expansion import BodyExpansion
 from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.expansion import likely_draws
 from lcbayes.modelling.known_spin import MIN_BISECTOR, KnownSpin, RatePrior
 from lcbayes.modelling.problem import LIT, OBS, SUN, TRACING, Coordinates, Problem, compiled
 from lcbayes.modelling.spin_coordinates import rate_and_direction
@@ -42,7 +42,6 @@ SUMMARY = "a body of known parts, constant rate: attitude, omega, surface, scale
 STILL_DEG = 15.0  # of the bisector, from its mean, below which the turn about it is a coordinate
 SLOW_SHADOWS = 5.0  # times as long, from which on the search has none
 MANY = 5_000  # epochs times panels, with their shadows, from which on chains follow an expansion
-LIKELY_SD = 1.5  # widths of the draws about a solution at which its brightness is expanded
 ROUGH = 0.02  # tolerance of the body of such a search
 # during the search for solutions
 POOLED = {"zero_point_spread": 0.0, "clock_sd": 0.0, "rate_drift_sd": 0.0}
@@ -412,9 +411,7 @@ def guide(problem, data: Epochs, **options):
 
         few = jax.eval_shape(parts, z)[0].size
         number = body_expansion.FITTED * body_expansion.number_of_monomials(few)
-        root = jnp.linalg.cholesky(information)  # F = root rootᵀ
-        unit = LIKELY_SD * jax.random.normal(jax.random.key(0), (number, z.size))
-        drawn = z + solve_triangular(root, unit.T, lower=True, trans=1).T
+        drawn = likely_draws(z, jnp.linalg.cholesky(information), number)
         expansion = BodyExpansion.of(middle, *jax.lax.map(parts, drawn))
         return replace(epochs, expansion=expansion)
 

@@ -19,7 +19,7 @@ from lcbayes.core.constants import HOUR_S
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.modelling import likelihood, nuisances, priors
 from lcbayes.modelling.epochs import Epochs
-from lcbayes.modelling.expansion import Expansion
+from lcbayes.modelling.expansion import Expansion, likely_draws
 from lcbayes.modelling.moments import MomentCoordinates
 from lcbayes.modelling.relief import EllipsoidWithRelief
 from lcbayes.physics import brightness, photometry
@@ -31,7 +31,7 @@ LAW = "lommel-seeliger-lambert"
 SPHERE = 8.0  # Σα of a sphere with flux 1 at zero phase angle and c = 0: ∫ μ/2 dΩ = π/2
 CLOSURE_SD = 0.01
 MOMENT_DEGREE = 4  # highest degree of the moments that the data constrain; see `coordinates`
-LIKELY, LIKELY_SD = 400, 1.5  # draws about a solution, and their width in posterior sd
+LIKELY = 400  # draws about a solution
 MANY = 500_000  # epochs times normals, from which on chains follow an expansion
 COARSER = {"n_quadrature": 300}  # for the search
 LOG_LAMBERT = (np.log(0.1), 0.5)
@@ -198,9 +198,7 @@ def guide(
         root = jnp.linalg.cholesky(problem.fisher(z, epochs))  # F = root rootᵀ
         along = solve_triangular(root, jax.jacrev(lambda z: parts(z)[0])(z).T, lower=True)
         widths = jnp.linalg.norm(along, axis=0)
-        unit = LIKELY_SD * jax.random.normal(jax.random.key(0), (LIKELY, z.size))
-        drawn = z + solve_triangular(root, unit.T, lower=True, trans=1).T
-        at, likely = parts(z), jax.lax.map(parts, drawn)
+        at, likely = parts(z), jax.lax.map(parts, likely_draws(z, root, LIKELY))
         # The coordinates of some draws may be those of no body.
         likely = jax.tree.map(lambda x, y: jnp.where(jnp.isfinite(x), x, y), likely, at)
         return replace(epochs, expansion=Expansion.of(light, at, likely, widths, axes, normals))

@@ -13,6 +13,7 @@ from math import isqrt
 from typing import Any, NamedTuple
 
 import numpy as np
+from jax.scipy.linalg import solve_triangular
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
@@ -24,6 +25,7 @@ DEGREE = 12  # largest of the harmonics by which the areas may deviate
 RANK = 120  # number of components of the light curves
 CUBIC, QUADRATIC, LINEAR = 20, 10, 4  # numbers of monomials
 POINTS, SPREAD, REACH = 60, 2.0, 4.0  # of the motions at which the brightness is computed
+LIKELY_SD = 1.5  # widths of draws about a solution
 
 type Light = Callable[[jax.Array, jax.Array, jax.Array], jax.Array]
 
@@ -56,6 +58,12 @@ def _motions() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     motions = np.concatenate([np.zeros((1, MOTION)), motions])
     with jax.ensure_compile_time_eval():
         return motions, np.linalg.pinv(np.asarray(monomials(motions)))
+
+
+def likely_draws(z: jax.Array, root: jax.Array, number: int) -> jax.Array:
+    """Draws (number, D) about z (D,) with an information F = root rootᵀ, somewhat too wide."""
+    unit = LIKELY_SD * jax.random.normal(jax.random.key(0), (number, z.size))
+    return z + solve_triangular(root, unit.T, lower=True, trans=1).T
 
 
 class Expansion(NamedTuple):

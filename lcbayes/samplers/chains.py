@@ -79,17 +79,17 @@ def _fisher(problem: Problem, z: Floats, data: Epochs) -> Floats:
     return 0.5 * (found + found.T)
 
 
-def whitened_model(problem: Problem) -> Callable[..., None]:
+def whitened_model(problem: Problem, which: int = 0) -> Callable[..., None]:
     """The posterior as a NumPyro model of y, for kernels that require a model.
 
-    With a guide, it is that of the last of the given epochs.
+    ``which`` of the given epochs are its data.
     """
 
     def model(whitening: Whitening, *epochs: Epochs) -> None:
         flat = dist.ImproperUniform(constraints.real_vector, (), (problem.dim,))
         y = jnp.asarray(numpyro.sample("y", flat))
         with handlers.block():  # hides the sites of the inner model
-            density = -problem.potential(whitening(y), epochs[-1])
+            density = -problem.potential(whitening(y), epochs[which])
         numpyro.factor("posterior", density)
 
     return model
@@ -113,7 +113,7 @@ def kernel(problem: Problem, sampler: str = "nuts") -> MCMCKernel:
         return {"y": whitening.inverse(moves(key, whitening(z["y"]), data))}
 
     if sampler == GUIDED:
-        return Guided(whitened_model(problem), potential, **nuts)
+        return Guided(whitened_model(problem, 1), whitened_model(problem), **nuts)
     if sampler == FACET_MOVES:
         return alternating.Alternating(potential, fisher, moved)
     kinds = {

@@ -29,7 +29,6 @@ BLOCK = 50
 OPTIMA = 8  # optima of a solution whose widths scale the coordinates
 HALVINGS = 2  # maximum number of times that the step size of NUTS is halved
 MAX_GUIDE_SD = 0.7  # nats: of ln of the density of a guide over the exact one, among its draws
-LONGEST_STAY = 50  # draws at one point, by which a guide is dropped
 EXACT = "-exact"  # of the name of chains whose guide was dropped
 NUM_DRAWS = "num_draws"  # name in `Chains.tuning`
 
@@ -148,7 +147,7 @@ class Sampler:
         since the widths at an optimum may not be those of the posterior.
 
         A guide is dropped, and the chains begin again without it, if it is too different from the
-        posterior there, or if a chain later stays at one point for many draws.
+        posterior there.
 
         If `num_samples` draws do not suffice for convergence, the chains are extended, up to
         `most_samples`. If more NUTS transitions have diverged than all requested draws may contain,
@@ -222,8 +221,6 @@ class Sampler:
                     first, end = len(blocks), len(blocks) + sample_blocks
                 elif len(blocks) == end:
                     draws = np.concatenate([b["z"] for b in kept], axis=1)
-                    if self.guide is not None and _longest_stay(draws) >= LONGEST_STAY:
-                        return end
                     length = self._required_length(self._in_order(draws, starts[0]), about)
                     before, end = end, first + -(-length // BLOCK)
                     track.more(per_block * (end - before))
@@ -329,15 +326,6 @@ class Sampler:
         program = programs(self.problem, sampler, num_warmup, structure, tuple(leaves))
         timing.compile_s += time.monotonic() - begun
         return program
-
-
-def _longest_stay(z: Floats) -> int:
-    """The largest number of equal successive draws in chains (C, S, D).
-
-    Where the density of a guide is far too low, hardly any proposal is accepted.
-    """
-    stays = [len(list(same)) for chain in z for _, same in itertools.groupby(chain[:, 0])]
-    return max(stays)
 
 
 def _steps(blocks: list[dict[str, NDArray]]) -> float:

@@ -11,10 +11,11 @@ from numpyro.infer.hmc import HMCState
 from lcbayes.core.jax_setup import jax, jnp
 
 FOLLOWED = 2  # transitions along the guide for one value of the exact density
+EVERY = 10  # one draw in so many follows the exact density
 
 
 class Guided(NUTS):
-    """Delayed acceptance (Christen & Fox 2005, JCGS 14, 795).
+    """Delayed acceptance (Christen & Fox 2005, JCGS 14, 795), in turn with NUTS.
 
     `FOLLOWED` transitions of NUTS lead from θ to θ′. They leave the guide exp(−Ũ) invariant and are
     reversible: each point of a finished tree leads to the same tree with the same probability, and
@@ -24,48 +25,56 @@ class Guided(NUTS):
         min{1, exp[U(θ) − U(θ′) − Ũ(θ) + Ũ(θ′)]},
 
     so that the chain leaves exp(−U) invariant, whatever the guide. A draw costs gradients of the
-    guide and one value of U. The warm-up follows the guide alone.
+    guide and one value of U. Where Ũ is far too large, no proposal would be accepted for a long
+    time; every tenth draw is therefore a transition of NUTS along U. The warm-up follows the guide
+    alone.
 
     Parameters
     ----------
-    guide : callable
-        NumPyro model of the guide.
-    potential_fn : callable
-        U: (z, *model_args) → −ln of the exact density.
+    guide, exact : callable
+        NumPyro models of Ũ and of U, of the same sites.
     """
 
     def __init__(
-        self, guide: Callable[..., Any], potential_fn: Callable[..., jax.Array], **options: Any
+        self, guide: Callable[..., Any], exact: Callable[..., Any], **options: Any
     ) -> None:
         super().__init__(guide, **options)
-        self._exact_fn = potential_fn
+        self._along_exact = NUTS(exact, **options)
         self._num_warmup = 0
 
     def init(
         self, rng_key, num_warmup, init_params=None, model_args=(), model_kwargs=None
     ) -> HMCState:
         self._num_warmup = num_warmup
-        return super().init(rng_key, num_warmup, init_params, model_args, model_kwargs or {})
+        given = rng_key, num_warmup, init_params, model_args, model_kwargs or {}
+        self._along_exact.init(*given)
+        return super().init(*given)
 
     def sample(self, state: HMCState, model_args, model_kwargs) -> HMCState:
         """One transition of one chain. ``potential_energy`` is U, but Ũ during the warm-up."""
-        guide = self.get_potential_fn(model_args, model_kwargs)(state.z)
-        one = super().sample(state._replace(potential_energy=guide), model_args, model_kwargs)
+        args = model_args, model_kwargs
+        guide_fn, exact_fn = (x.get_potential_fn(*args) for x in (self, self._along_exact))
+
+        drawn = state.i - self._num_warmup
+
+        def followed(before: HMCState) -> HMCState:
+            return super(Guided, self).sample(before, *args)
 
         def again(_: int, before: HMCState) -> HMCState:
-            new = super(Guided, self).sample(before, model_args, model_kwargs)
+            new = followed(before)
             return new._replace(
                 num_steps=before.num_steps + new.num_steps,
                 diverging=before.diverging | new.diverging,
             )
 
         def judged() -> HMCState:
+            guide = guide_fn(state.z)
+            one = followed(state._replace(potential_energy=guide))
             after = jax.lax.fori_loop(1, FOLLOWED, again, one)
             rng_key, key = jax.random.split(after.rng_key)
-            exact = self._exact_fn(after.z, *model_args)
+            exact = exact_fn(after.z)
             # U of the point where the warm-up ends is not known, and any other is better
-            first = state.i == self._num_warmup
-            before = jnp.where(first, jnp.inf, state.potential_energy)
+            before = jnp.where(drawn == 0, jnp.inf, state.potential_energy)
             change = before - exact - guide + after.potential_energy
             accept = jnp.where(jnp.isfinite(exact), jnp.exp(jnp.minimum(change, 0.0)), 0.0)
             accepted = jax.random.uniform(key) < accept
@@ -74,14 +83,22 @@ class Guided(NUTS):
                 (after.z, after.z_grad, exact),
                 (state.z, state.z_grad, before),
             )
-            followed = jnp.where(accepted, after.potential_energy, guide)
+            last = jnp.where(accepted, after.potential_energy, guide)
             return after._replace(
+                i=state.i + 1,
                 z=z,
                 z_grad=grad,
                 potential_energy=potential,
-                energy=after.energy + potential - followed,
+                energy=after.energy + potential - last,
                 accept_prob=after.accept_prob * accept,
                 rng_key=rng_key,
             )
 
-        return jax.lax.cond(state.i >= self._num_warmup, judged, lambda: one)
+        def exactly() -> HMCState:
+            potential, grad = jax.value_and_grad(exact_fn)(state.z)
+            before = state._replace(potential_energy=potential, z_grad=grad)
+            after = self._along_exact.sample(before, *args)
+            return after._replace(z_grad=jax.grad(guide_fn)(after.z))
+
+        kind = jnp.where(drawn < 0, 0, jnp.where((drawn + 1) % EVERY == 0, 1, 2))
+        return jax.lax.switch(kind, [lambda: followed(state), exactly, judged])

@@ -1,5 +1,7 @@
 """A chain along a guide that is wrong in place, width and form samples the exact density."""
 
+from itertools import groupby
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,12 +13,12 @@ from scipy.stats import norm
 
 from lcbayes.core.errors import InputError
 from lcbayes.samplers.convergence import rhat_and_ess
-from lcbayes.samplers.kernels.guided import Guided
+from lcbayes.samplers.kernels.guided import EVERY, Guided
 from lcbayes.samplers.sampling import Sampler
 from lcbayes.samplers.settings import AUTO, FACET_MOVES, GUIDED, WARMUP, Settings
 
 SHAPE = np.array([2.0, 5.0])  # of two gamma variates, whose logarithms are sampled
-FIRST, DRAWS, CHAINS = 100, 2000, 4
+FIRST, DRAWS, CHAINS = 100, 5000, 4
 FALSE_ALARM = 1e-5  # of the whole test
 
 
@@ -33,11 +35,14 @@ def guide(z):
 def chains(followed, exact):
     """Draws (C, S, 2), potential energies and acceptance (C, S)."""
 
-    def model():
-        flat = dist.ImproperUniform(dist.constraints.real_vector, (), (2,))
-        numpyro.factor("guide", -followed(numpyro.sample("z", flat)))
+    def model(energy):
+        def of():
+            flat = dist.ImproperUniform(dist.constraints.real_vector, (), (2,))
+            numpyro.factor("density", -energy(numpyro.sample("z", flat)))
 
-    kernel = Guided(model, lambda sites: exact(sites["z"]))
+        return of
+
+    kernel = Guided(model(followed), model(exact))
 
     def chain(key):
         state = kernel.init(key, FIRST, {"z": jnp.zeros(2)})
@@ -74,6 +79,19 @@ def test_a_guide_that_differs_by_a_constant_costs_no_draw() -> None:
     """Only differences of energies count, and trajectories are those of NUTS."""
     _, _, accepted = chains(lambda z: potential(z) + 3.0, potential)
     assert accepted.mean() > 0.7
+
+
+def test_no_chain_stays_where_the_guide_is_far_too_low() -> None:
+    """A hole in the guide, about the mean: proposals from there have no chance."""
+
+    def holed(z):
+        return potential(z) + jnp.where(jnp.linalg.norm(z - digamma(SHAPE)) < 0.4, 60.0, 0.0)
+
+    z, _, _ = chains(holed, potential)
+    longest = max(len(list(same)) for chain in z for _, same in groupby(chain[:, 0]))
+    assert 3 < longest <= 3 * EVERY
+    inside = np.linalg.norm(z - digamma(SHAPE), axis=-1) < 0.4
+    assert 0.05 < inside.mean() < 0.5
 
 
 def test_no_draw_has_no_density() -> None:
