@@ -293,20 +293,21 @@ def coordinates(
     **options: object,  # noqa: ARG001
 ) -> Coordinates | None:
     """Coordinates of the sampler: rate and direction of ω, if the body may turn many times; of a
-    flat spin the turn about the bisector, if that hardly moves; products of size and reflectances.
+    flat spin the turn about the bisector, if that hardly moves; logarithms of size and surface.
     """
-    products = reflectances.products_of(read_body_text(body), scale_sd if data.calibrated else None)
+    file = read_body_text(body)
+    surface = reflectances.coordinates_of(file, scale_sd if data.calibrated else None)
     if spin == "free":
         motion = rate_and_direction(spin, omega_sd, period, float(data.t_span)) or {}
-        return {**motion, **products} or None
+        return {**motion, **surface} or None
     both = np.asarray(data.sun) + np.asarray(data.obs)
     size = np.linalg.norm(both, axis=1)
     if size.min() >= MIN_BISECTOR:
         mean = (both / size[:, None]).mean(axis=0)
         nearest = float((both @ mean / size).min() / np.linalg.norm(mean))
         if nearest >= np.cos(np.deg2rad(STILL_DEG)):
-            return {"attitude_base": body_motion.TurnAboutBisector(mean), **products}
-    return products or None
+            return {"attitude_base": body_motion.TurnAboutBisector(mean), **surface}
+    return surface or None
 
 
 def search(problem, data: Epochs, options, workers: int, progress, checkpoint=None):  # noqa: ARG001

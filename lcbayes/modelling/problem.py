@@ -15,7 +15,7 @@ from jax.interpreters.partial_eval import dce_jaxpr
 from numpy.typing import NDArray
 from numpyro import handlers
 from numpyro.distributions import biject_to
-from numpyro.distributions.transforms import IdentityTransform, Transform
+from numpyro.distributions.transforms import Transform
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
@@ -365,8 +365,8 @@ class Problem:
 
         For Normal sites it is the expected information, Jᵀ diag(1/σ²) J + 2 Kᵀ K, with the
         Jacobians J of the value minus its mean and K of ln σ; it is thus correct for a prior whose
-        width is inferred. A distribution may provide it as a method ``precision``. For other sites,
-        one or those of joint coordinates, it is the positive part of the Hessian of −ln prior.
+        width is inferred. For others it is that of a method ``precision`` of the distribution or of
+        joint coordinates, or the positive part of the Hessian of −ln prior.
         """
         free = self.unravel(z)
         trace, _ = self._trace(free, data)
@@ -393,11 +393,11 @@ class Problem:
     def _curvature(
         self, names: tuple[str, ...], laws: Mapping[str, Any], value: jax.Array
     ) -> jax.Array:
-        """Positive part of the Hessian of −ln prior of sites that are transformed together."""
+        """Precision of the prior of sites that are transformed together."""
         transform, fn = self._transforms[names], laws[next(iter(laws))]
+        if own := getattr(transform, "precision", None):
+            return own(value)
         if hasattr(fn, "precision"):
-            if isinstance(transform, IdentityTransform):
-                return fn.precision(value)
             jacobian = jax.jacfwd(transform)(value).reshape(value.size, value.size)
             return jacobian.T @ fn.precision(transform(value)) @ jacobian
 
@@ -417,7 +417,7 @@ class Problem:
 
 
 def _joined(names: tuple[str, ...], values: Sites) -> jax.Array:
-    """The value of one site, or those of several as a vector."""
+    """The value of one site, or the vector of several."""
     return values[names[0]] if len(names) == 1 else jnp.stack([values[k] for k in names])
 
 

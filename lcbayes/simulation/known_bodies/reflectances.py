@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from lcbayes.core.jax_setup import jax, jnp
-from lcbayes.modelling.reflectance_products import Reflectance, ReflectanceProducts
+from lcbayes.modelling.reflectance_coordinates import Reflectance, ReflectanceCoordinates
 from lcbayes.physics.reflectance import LAWS, REFLECTANCES
 from lcbayes.simulation.known_bodies.reader import BodyFile
 
@@ -28,9 +28,9 @@ def albedo_areas(file: BodyFile, values: Mapping[str, Mapping[str, Any]]) -> dic
     return areas
 
 
-def products_of(
+def coordinates_of(
     file: BodyFile, scale_sd: float | None
-) -> dict[str | tuple[str, ...], ReflectanceProducts]:
+) -> dict[str | tuple[str, ...], ReflectanceCoordinates]:
     """Joint coordinates of reflectances, and of the size if the data fix their products with it.
 
     The prior sd of ln size is None for data without calibration.
@@ -49,9 +49,9 @@ def products_of(
                 site = f"{name}_{key}" if uniform else f"log_{name}_{key}"
                 made[site] = Reflectance(*ends, area / unit, above)
     if scale_sd is None and len(made) > 1:
-        return {tuple(made): ReflectanceProducts([*made.values()], None)}
+        return {tuple(made): ReflectanceCoordinates([*made.values()], None)}
     if scale_sd and made:
-        return {("log_brightness", *made): ReflectanceProducts([*made.values()], constant)}
+        return {("log_brightness", *made): ReflectanceCoordinates([*made.values()], constant)}
     return {}
 
 

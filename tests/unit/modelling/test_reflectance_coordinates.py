@@ -1,8 +1,6 @@
-"""Products of size and reflectances as coordinates."""
+"""Coordinates of the size and the reflectances of a body."""
 
 from __future__ import annotations
-
-from itertools import pairwise
 
 import numpy as np
 import numpyro.distributions as dist
@@ -13,7 +11,7 @@ from lcbayes.inference.problem_cache import build_problem
 from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import compiled
-from lcbayes.modelling.reflectance_products import Reflectance, ReflectanceProducts
+from lcbayes.modelling.reflectance_coordinates import Reflectance, ReflectanceCoordinates
 from tests.helpers.small_curves import curve
 
 UNIFORM = (Reflectance(0.1, 0.7, 9.0), Reflectance(0.01, 0.2, 7.0), Reflectance(0.05, 0.9, 3.0))
@@ -37,9 +35,14 @@ CASES = [
 ]
 
 
-def points(reflectances, constant, seed=0, count=40):
-    size = len(reflectances) + (constant is not None)
-    return 1.5 * np.random.default_rng(seed).standard_normal((count, size))
+def bodies(reflectances, constant, seed=0, count=40):
+    """Sites of random bodies."""
+    rng = np.random.default_rng(seed)
+    y = []
+    for one in reflectances:
+        values = rng.uniform(one.low, one.high, count) if one.bounded else rng.normal(size=count)
+        y.append(values)
+    return np.stack([*([] if constant is None else [rng.normal(size=count)]), *y], axis=1)
 
 
 def read(reflectances, constant, y):
@@ -56,42 +59,80 @@ def read(reflectances, constant, y):
 
 @pytest.mark.parametrize(("reflectances", "constant"), CASES)
 def test_points_lead_there_and_back(reflectances, constant):
-    made = ReflectanceProducts(reflectances, constant)
-    for x in points(reflectances, constant):
-        np.testing.assert_allclose(made.inv(made(x)), x, rtol=1e-9, atol=1e-9)
+    made = ReflectanceCoordinates(reflectances, constant)
+    for y in bodies(reflectances, constant):
+        x = jnp.asarray(made.inv(jnp.asarray(y)))
+        np.testing.assert_allclose(made(x), y, rtol=1e-12, atol=1e-12)
+        again = made.inv(jnp.asarray(made(x)))
+        np.testing.assert_allclose(again, x, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize(("reflectances", "constant"), CASES)
 def test_jacobian_is_that_of_differences(reflectances, constant):
-    made, step = ReflectanceProducts(reflectances, constant), 1e-6
+    made, step = ReflectanceCoordinates(reflectances, constant), 1e-6
     call = jax.jit(made)
-    for x in points(reflectances, constant, seed=1):
+    for y in bodies(reflectances, constant, seed=1):
+        x = jnp.asarray(made.inv(jnp.asarray(y)))
         shifts = step * np.eye(x.size)
         slopes = [(np.asarray(call(x + d)) - np.asarray(call(x - d))) / (2 * step) for d in shifts]
         expected = np.linalg.slogdet(np.array(slopes))[1]
         assert made.log_abs_det_jacobian(x, call(x)) == pytest.approx(expected, abs=1e-5)
 
 
+def test_ridge_is_straight_but_near_its_ends():
+    """x₀ + δ and all x_j − δ leave κ ρ_j (1 − r) as it is, where ρ_j is well inside its range.
+
+    Half-way, five times the softness from both ends, dy/dx = 1 − 2 e⁻⁵ = 0.987.
+    """
+    made = ReflectanceCoordinates(LAYERED, 0.3)
+    rho, y = np.array([0.1, 0.17, 0.26, 0.045, 0.26]), np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    y[1:] = rho
+    x, products = np.asarray(made.inv(jnp.asarray(y))), []
+    for step in (-0.1, 0.0, 0.1):
+        moved = x + np.array([step, *[-step] * 5])
+        found, size = read(LAYERED, 0.3, np.asarray(made(jnp.asarray(moved))))
+        passed = [1.0 if one.above is None else 1.0 - found[one.above] for one in LAYERED]
+        products.append(np.log(found * passed) + size)
+        assert size == pytest.approx(x[0] + step)
+    np.testing.assert_allclose(products[0], products[1], atol=0.02 * 0.1)
+    np.testing.assert_allclose(products[2], products[1], atol=0.02 * 0.1)
+
+
 @pytest.mark.parametrize(("reflectances", "constant"), CASES)
-def test_ridge_is_straight(reflectances, constant):
-    """Along the first coordinate the products stay, and every reflectance is inside its range."""
-    made = ReflectanceProducts(reflectances, constant)
-    for x in points(reflectances, constant, seed=2, count=5):
-        every = []
-        for first in np.linspace(-4.0, 4.0, 9):
-            rho, size = read(reflectances, constant, np.asarray(made(jnp.append(first, x[1:]))))
-            low, high = (np.array([one[i] for one in reflectances]) for i in (0, 1))
-            assert np.all((rho >= low) & (rho <= high))
-            passed = [1.0 if one.above is None else 1.0 - rho[one.above] for one in reflectances]
-            every.append((np.log(rho * passed) + size, size))
-        for (products, size), (others, larger) in pairwise(every):
-            np.testing.assert_allclose(others, products, atol=1e-10)
-            assert larger > size
+def test_every_reflectance_is_inside_its_range(reflectances, constant):
+    made = ReflectanceCoordinates(reflectances, constant)
+    low, high = (np.array([one[i] for one in reflectances]) for i in (0, 1))
+    size = len(reflectances) + (constant is not None)
+    for x in 10.0 * np.random.default_rng(2).standard_normal((40, size)):
+        rho, _ = read(reflectances, constant, np.asarray(made(x)))
+        assert np.all((rho >= low * (1.0 - 1e-12)) & (rho <= high * (1.0 + 1e-12)))
+
+
+def test_a_reflectance_is_independent_of_the_others():
+    """That of a surface that is not seen."""
+    made = ReflectanceCoordinates(UNIFORM, 0.3)
+    x = np.array([0.2, -1.0, -3.0, -1.5])
+    slopes = np.asarray(jax.jacfwd(made)(jnp.asarray(x)))
+    across = slopes[1:, 1:] - np.diag(np.diagonal(slopes)[1:])
+    assert np.all(across == 0.0)
+    assert np.all(slopes[1:, 0] == 0.0)
+
+
+@pytest.mark.statistical(false_alarm=1e-5)
+def test_precision_is_that_of_the_priors():
+    """Within a third of the inverse variance of x over uniform reflectances."""
+    made, rng = ReflectanceCoordinates(UNIFORM, 0.3), np.random.default_rng(6)
+    low, high = (np.array([one[i] for one in UNIFORM]) for i in (0, 1))
+    y = np.concatenate([np.zeros((2000, 1)), rng.uniform(low, high, (2000, 3))], axis=1)
+    variance = np.asarray(jax.vmap(made.inv)(jnp.asarray(y)))[:, 1:].var(axis=0)
+    precision = np.diagonal(np.asarray(made.precision(jnp.zeros(4))))
+    assert precision[0] == 0.0
+    assert np.all(np.abs(np.log(precision[1:] * variance)) < 1.0)
 
 
 def test_all_bodies_are_reached():
     """Uniform reflectances and any size have their coordinates."""
-    made, rng = ReflectanceProducts(LAYERED, 0.3), np.random.default_rng(5)
+    made, rng = ReflectanceCoordinates(LAYERED, 0.3), np.random.default_rng(5)
     low, high = (np.array([one[i] for one in LAYERED]) for i in (0, 1))
     for _ in range(200):
         rho = rng.uniform(low, high)
