@@ -42,6 +42,7 @@ SUMMARY = "a body of known parts, constant rate: attitude, omega, surface, scale
 STILL_DEG = 15.0  # of the bisector, from its mean, below which the turn about it is a coordinate
 SLOW_SHADOWS = 5.0  # times as long, from which on the search has none
 MANY = 5_000  # epochs times panels, with their shadows, from which on chains follow an expansion
+MOST_OBSERVERS = 20  # whose clocks are variables of an expansion
 ROUGH = 0.02  # tolerance of the body of such a search
 # during the search for solutions
 POOLED = {"zero_point_spread": 0.0, "clock_sd": 0.0, "rate_drift_sd": 0.0}
@@ -382,12 +383,13 @@ def _start(start: phases.Start, file: BodyFile, surface: Surface, options, unit:
 
 
 def guide(problem, data: Epochs, **options):
-    """Point (D,) -> epochs whose brightness is expanded about it; None if it is cheap."""
+    """Point (D,) -> epochs whose brightness is expanded about it; None if a gradient is cheap."""
     spin, shadows = options.get("spin", "flat"), options.get("shadows", True)
     file = _file(options["body"], spin, shadows, float(options.get("tolerance", 0.0)))
     known = file.body
     cost = known.assembly.shadow_cost if shadows else 1.0
-    if data.t.size * known.assembly.body.areas.size * cost < MANY:
+    cheap = data.t.size * known.assembly.body.areas.size * cost < MANY
+    if cheap or data.n_observers > MOST_OBSERVERS:
         return None
     ends = reflectances.corners(file)
 
@@ -408,7 +410,8 @@ def guide(problem, data: Epochs, **options):
 
             shape = reflectances.shape_of(file, values, sizes)
             near = jnp.concatenate([_near(motion, middle, known, spin), shape])
-            return near, reflectances.weights(file, values), jax.vmap(seen)(ends)
+            every = jax.vmap(seen)(ends) if jax.tree.leaves(ends) else seen({})[None]
+            return near, reflectances.weights(file, values), every
 
         few = jax.eval_shape(parts, z)[0].size
         number = body_expansion.FITTED * body_expansion.number_of_monomials(few)
