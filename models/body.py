@@ -41,8 +41,8 @@ SUMMARY = "a body of known parts, constant rate: attitude, omega, surface, scale
 
 STILL_DEG = 15.0  # of the bisector, from its mean, below which the turn about it is a coordinate
 SLOW_SHADOWS = 5.0  # times as long, from which on the search has none
-MANY = 5_000  # epochs times panels, with their shadows, from which on chains follow an expansion
-MOST_OBSERVERS = 20  # whose clocks are variables of an expansion
+MANY = 5_000  # epochs × panels × cost of shadows, from which on chains follow an expansion
+MOST_OBSERVERS = 20  # of an expansion, as the clock of each is a variable
 ROUGH = 0.02  # tolerance of the body of such a search
 # during the search for solutions
 POOLED = {"zero_point_spread": 0.0, "clock_sd": 0.0, "rate_drift_sd": 0.0}

@@ -21,6 +21,7 @@ from lcbayes.modelling import likelihood, nuisances, priors
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.expansion import Expansion, likely_draws
 from lcbayes.modelling.moments import MomentCoordinates
+from lcbayes.modelling.problem import compiled
 from lcbayes.modelling.relief import EllipsoidWithRelief
 from lcbayes.physics import brightness, photometry
 from lcbayes.physics.attitude import rotations
@@ -32,7 +33,7 @@ SPHERE = 8.0  # Σα of a sphere with flux 1 at zero phase angle and c = 0: ∫ 
 CLOSURE_SD = 0.01
 MOMENT_DEGREE = 4  # highest degree of the moments that the data constrain; see `coordinates`
 LIKELY = 400  # draws about a solution
-MANY = 500_000  # epochs times normals, from which on chains follow an expansion
+MANY = 500_000  # epochs × normals, from which on chains follow an expansion
 COARSER = {"n_quadrature": 300}  # for the search
 LOG_LAMBERT = (np.log(0.1), 0.5)
 MIN_LAMBERT = 0.03
@@ -179,7 +180,7 @@ def guide(
         return None
 
     @jax.jit
-    def about(z: jax.Array, epochs: Epochs) -> Epochs:
+    def about(z: jax.Array, information: jax.Array, epochs: Epochs) -> Epochs:
         axes = rotations.brought_to(_pole(problem.constrain(z, epochs)))
 
         def parts(z: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
@@ -195,7 +196,7 @@ def guide(
             period_s = _period_s(epochs, period, shift)
             return _light(epochs, normals, pole, period_s, area, lambert)
 
-        root = jnp.linalg.cholesky(problem.fisher(z, epochs))  # F = root rootᵀ
+        root = jnp.linalg.cholesky(information)
         along = solve_triangular(root, jax.jacrev(lambda z: parts(z)[0])(z).T, lower=True)
         widths = jnp.linalg.norm(along, axis=0)
         at, likely = parts(z), jax.lax.map(parts, likely_draws(z, root, LIKELY))
@@ -203,7 +204,7 @@ def guide(
         likely = jax.tree.map(lambda x, y: jnp.where(jnp.isfinite(x), x, y), likely, at)
         return replace(epochs, expansion=Expansion.of(light, at, likely, widths, axes, normals))
 
-    return lambda z: about(jnp.asarray(z), data)
+    return lambda z: about(jnp.asarray(z), compiled(problem.fisher)(z, data), data)
 
 
 def _pole(sites) -> jax.Array:

@@ -24,6 +24,7 @@ from lcbayes.modelling import nuisances, priors
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.priors import RADIUS_SD
 from lcbayes.physics.attitude import rotations
+from lcbayes.physics.bodies import facets
 
 type Turned = Callable[[jax.Array], tuple[jax.Array, jax.Array]]
 
@@ -261,7 +262,7 @@ class Motion(NamedTuple):
         r = middle.T @ self.attitude
         turn = 0.5 * jnp.stack([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
         if axis is not None:
-            turn = jnp.asarray(np.linalg.svd(np.asarray(axis)[None])[2][1:]) @ turn
+            turn = jnp.asarray(facets.across(axis)) @ turn
         spin = self.omega
         if flat_axis is not None:
             spin = spin @ (self.attitude @ jnp.asarray(flat_axis))

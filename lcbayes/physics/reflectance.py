@@ -17,6 +17,7 @@ Every law in this file is reciprocal: Sun and observer can be exchanged.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Literal, NamedTuple
 
@@ -286,7 +287,8 @@ class Parameter(NamedTuple):
     default: float | None = None
 
 
-REFLECTANCES = ("r_diff", "r_spec", "w")  # parameters that are fractions of the incident light
+# Parameters that are fractions of the incident light; at these values area is albedo-area.
+REFLECTANCES = {"r_diff": 1.0, "r_spec": 1.0, "w": 4.0 * math.pi}
 
 
 class Law(NamedTuple):

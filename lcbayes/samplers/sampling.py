@@ -154,26 +154,6 @@ class Sampler:
         the draws are discarded and the chains continue with half the step size. The step size is
         not halved if the trajectories would then exceed the maximum tree depth.
         """
-        rest = starts, data, key, checkpoint, timing, track
-        found = self._run(name, *rest)
-        if isinstance(found, Chains):
-            return found
-        track.more(found * self.settings.num_chains * BLOCK)
-        settings = self.settings.with_sampler(NUTS)
-        exact = Sampler(self.problem, settings, self.workers, ordered=self.ordered)
-        return exact.run(name + EXACT, *rest)
-
-    def _run(
-        self,
-        name: str,
-        starts: Floats,
-        data: Epochs,
-        key: jax.Array,
-        checkpoint: Checkpoint,
-        timing: Timing,
-        track: Track,
-    ) -> Chains | int:
-        """As `run`; the number of blocks taken in vain if the guide is dropped."""
         about = data if self.guide is None else self.guide(starts[0])
         whitening = self._whitening(starts, about)
         args = (whitening, data, *self._further(about))
@@ -198,7 +178,9 @@ class Sampler:
                 if i == self._pilot_blocks > 0:
                     whitening, about = self._at_mean(blocks[-1], whitening, about, data)
                     if self.guide is not None and not self._similar(blocks[-1], about, data):
-                        return i
+                        track.more(per_block * i)
+                        rest = starts, data, key, checkpoint, timing, track
+                        return self._without_guide().run(name + EXACT, *rest)
                     args = (whitening, data, *self._further(about))
                     near = [chains.Whitening.point(z[-1]) for z in blocks[-1]["z"]]
                     keys = jax.vmap(jax.random.fold_in, (0, None))(keys, i)
@@ -225,6 +207,11 @@ class Sampler:
                     before, end = end, first + -(-length // BLOCK)
                     track.more(per_block * (end - before))
         return self._collected(kept, states, whitening)
+
+    def _without_guide(self) -> Sampler:
+        """Chains along the exact density."""
+        settings = self.settings.with_sampler(NUTS)
+        return Sampler(self.problem, settings, self.workers, ordered=self.ordered)
 
     def _collected(
         self, blocks: list[dict[str, NDArray]], states: list, whitening: chains.Whitening

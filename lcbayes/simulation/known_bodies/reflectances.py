@@ -2,28 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Iterator
 from itertools import product
-from typing import Any
 
 import numpy as np
 
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.modelling.reflectance_coordinates import Reflectance, ReflectanceCoordinates
 from lcbayes.physics.reflectance import LAWS, REFLECTANCES
+from lcbayes.simulation.known_bodies.body import Sizes, Values
 from lcbayes.simulation.known_bodies.reader import BodyFile
 
-DIFFUSE_UNIT = {"r_diff": 1.0, "r_spec": 1.0, "w": 4.0 * np.pi}  # for which area is albedo-area
 
-type Numbers = Mapping[str, Mapping[str, Any]]  # material → parameter → value
-
-
-def albedo_areas(file: BodyFile, values: Mapping[str, Mapping[str, Any]]) -> dict[str, jax.Array]:
+def albedo_areas(file: BodyFile, values: Values) -> dict[str, jax.Array]:
     """Area times reflectance of each material, m²; with the median sizes if they are unknown."""
     areas = {}
     for name, area in file.body.areas.items():
         every = {**file.body.materials[name].parameters, **values[name]}
-        share = sum(every[k] / unit for k, unit in DIFFUSE_UNIT.items() if k in every)
+        share = sum(every[k] / unit for k, unit in REFLECTANCES.items() if k in every)
         areas[name] = jnp.asarray(area * share)
     return areas
 
@@ -38,7 +35,7 @@ def coordinates_of(
     nothing = {name: dict.fromkeys(file.priors[name], 0.0) for name in file.body.materials}
     constant = float(sum(albedo_areas(file, nothing).values()))
     made: dict[str, Reflectance] = {}
-    for key, unit in reversed(DIFFUSE_UNIT.items()):  # the specular ones first
+    for key, unit in reversed(REFLECTANCES.items()):  # the specular ones first
         for name, area in file.body.areas.items():
             if (prior := file.priors[name].get(key)) is not None:
                 mirror, law = f"{name}_r_spec", LAWS[file.body.materials[name].law]
@@ -65,7 +62,7 @@ def unknown_reflectances(file: BodyFile) -> dict[str, tuple[str, ...]]:
     }
 
 
-def shape_of(file: BodyFile, values: Numbers, sizes: Mapping[Any, Any]) -> jax.Array:
+def shape_of(file: BodyFile, values: Values, sizes: Sizes) -> jax.Array:
     """The other unknown numbers: lobes and lengths, logarithms of those of log-normal priors."""
     linear = unknown_reflectances(file)
     others = [
@@ -79,39 +76,32 @@ def shape_of(file: BodyFile, values: Numbers, sizes: Mapping[Any, Any]) -> jax.A
     return jnp.stack([jnp.asarray(x) for x in numbers]) if numbers else jnp.zeros(0)
 
 
-def _corners(linear: Mapping[str, tuple[str, ...]]) -> Iterator[tuple[str, tuple[int, ...]]]:
+def _corners(file: BodyFile) -> Iterator[tuple[str, dict[str, int]]]:
     """Each material with each choice of 0 and 1 for its reflectances, but all 0."""
-    for name, keys in linear.items():
+    for name, keys in unknown_reflectances(file).items():
         for ends in product((0, 1), repeat=len(keys)):
             if any(ends):
-                yield name, ends
+                yield name, dict(zip(keys, ends, strict=True))
 
 
-def weights(file: BodyFile, values: Numbers) -> jax.Array:
-    """w (K,), of all reflectances 0 first."""
-    linear = unknown_reflectances(file)
-    each = [
-        jnp.prod(
-            jnp.stack(
-                [
-                    values[name][key] if end else 1.0 - values[name][key]
-                    for key, end in zip(linear[name], ends, strict=True)
-                ]
-            )
-        )
-        for name, ends in _corners(linear)
-    ]
-    return jnp.stack([1.0 - sum(each), *each])
+def weights(file: BodyFile, values: Values) -> jax.Array:
+    """w (K,) of `BodyExpansion`; that of all reflectances 0 is the first."""
+
+    def weight(name: str, ends: dict[str, int]) -> jax.Array | float:
+        given = ((values[name][key], end) for key, end in ends.items())
+        return math.prod(r if end else 1.0 - r for r, end in given)
+
+    each = [weight(*corner) for corner in _corners(file)]
+    return jnp.stack([jnp.asarray(1.0 - sum(each)), *map(jnp.asarray, each)])
 
 
 def corners(file: BodyFile) -> dict[str, dict[str, jax.Array]]:
-    """The reflectances (K,) of the K functions."""
-    linear = unknown_reflectances(file)
-    chosen = [("", ()), *_corners(linear)]
+    """The reflectances (K,) at which the K functions of `BodyExpansion` are the brightness."""
+    chosen = [("", {}), *_corners(file)]
     return {
         name: {
-            key: jnp.array([float(one == name and ends[i]) for one, ends in chosen])
-            for i, key in enumerate(keys)
+            key: jnp.array([float(one == name and ends[key]) for one, ends in chosen])
+            for key in keys
         }
-        for name, keys in linear.items()
+        for name, keys in unknown_reflectances(file).items()
     }

@@ -23,29 +23,22 @@ from lcbayes.simulation.known_bodies import reflectances
 from lcbayes.simulation.known_bodies.reader import read_body_text
 from tests.helpers.shaded_bar import ALBEDO, ATTITUDE, OMEGA, T, bar, curve, shaded_flux
 
-LAWS = """[body]
-shadows = false
-[[body.parts]]
+PART = """[[body.parts]]
 kind = "box"
 x = 1.0
-y = 1.4
-z = LENGTH
-material = "glossy"
-[[body.parts]]
-kind = "plate"
-x = 2.0
-y = 1.0
-position = [0.0, 2.0, 0.0]
-material = "paint"
-back_material = "dust"
-[[body.parts]]
-kind = "plate"
-x = 1.0
-y = 1.0
-position = [0.0, -2.0, 0.0]
-rotation_deg = [90.0, 0.0, 0.0]
-material = "metal"
-back_material = "known"
+y = {}
+z = {}
+position = [{}, 0.0, 0.0]
+material = "{}"
+"""
+MATERIALS = ("glossy", "paint", "dust", "metal", "known")
+LENGTHS = ("LENGTH", 0.7, 0.8, 0.9, 1.0)
+PARTS = "".join(
+    PART.format(1.5 - 0.2 * i, LENGTHS[i], 3.0 * i, name) for i, name in enumerate(MATERIALS)
+)
+LAWS = (
+    f"[body]\nshadows = false\n{PARTS}"
+    + """
 [materials.glossy]
 law = "ashikhmin-shirley"
 r_diff = { low = 0.1, high = 0.9 }
@@ -68,6 +61,7 @@ m = 0.2
 law = "lambertian"
 r_diff = 0.4
 """
+)
 
 
 def cubic(p: np.ndarray) -> np.ndarray:
