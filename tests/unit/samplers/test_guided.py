@@ -33,7 +33,7 @@ def guide(z):
 
 
 def chains(followed, exact):
-    """Draws (C, S, 2), potential energies and acceptance (C, S)."""
+    """Draws (C, S, 2), potential energies and acceptance (C, S), and gradients of the guide."""
 
     def model(energy):
         def of():
@@ -49,7 +49,8 @@ def chains(followed, exact):
 
         def step(state, _):
             state = kernel.sample(state, (), {})
-            return state, (state.z["z"], state.potential_energy, state.accept_prob)
+            gradient = state.z_grad["z"]
+            return state, (state.z["z"], state.potential_energy, state.accept_prob, gradient)
 
         _, out = jax.lax.scan(step, state, length=FIRST + DRAWS)
         return jax.tree.map(lambda x: x[FIRST:], out)
@@ -60,7 +61,9 @@ def chains(followed, exact):
 
 @pytest.mark.statistical(false_alarm=FALSE_ALARM)
 def test_the_exact_density_is_sampled() -> None:
-    z, energy, _ = chains(guide, potential)
+    z, energy, _, gradient = chains(guide, potential)
+    right = np.asarray(jax.vmap(jax.vmap(jax.grad(guide)))(z))
+    np.testing.assert_allclose(gradient, right, rtol=1e-9, atol=1e-9)
     assert energy == pytest.approx(np.asarray(jax.vmap(jax.vmap(potential))(z)), abs=1e-9)
     mean, variance = digamma(SHAPE), polygamma(1, SHAPE)
     off = (z - mean) / np.sqrt(variance)
@@ -77,7 +80,7 @@ def test_the_exact_density_is_sampled() -> None:
 
 def test_a_guide_that_differs_by_a_constant_costs_no_draw() -> None:
     """Only differences of energies count, and trajectories are those of NUTS."""
-    _, _, accepted = chains(lambda z: potential(z) + 3.0, potential)
+    _, _, accepted, _ = chains(lambda z: potential(z) + 3.0, potential)
     assert accepted.mean() > 0.7
 
 
@@ -87,7 +90,7 @@ def test_no_chain_stays_where_the_guide_is_far_too_low() -> None:
     def holed(z):
         return potential(z) + jnp.where(jnp.linalg.norm(z - digamma(SHAPE)) < 0.4, 60.0, 0.0)
 
-    z, _, _ = chains(holed, potential)
+    z, *_ = chains(holed, potential)
     longest = max(len(list(same)) for chain in z for _, same in groupby(chain[:, 0]))
     assert 3 < longest <= 3 * EVERY
     inside = np.linalg.norm(z - digamma(SHAPE), axis=-1) < 0.4
@@ -95,7 +98,7 @@ def test_no_chain_stays_where_the_guide_is_far_too_low() -> None:
 
 
 def test_no_draw_has_no_density() -> None:
-    z, _, _ = chains(guide, lambda z: jnp.where(z[0] > 0.0, potential(z), jnp.inf))
+    z, *_ = chains(guide, lambda z: jnp.where(z[0] > 0.0, potential(z), jnp.inf))
     assert z[..., 0].min() > 0.0
 
 
