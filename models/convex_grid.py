@@ -255,14 +255,15 @@ def starts(data: Epochs, key, *, degree: int = 6, **options):  # noqa: ARG001
     ]
 
 
-def coordinates(data: Epochs, *, n_facets: int = 300, degree: int = 6, **options):  # noqa: ARG001
+def coordinates(data: Epochs, *, n_quadrature: int = 600, degree: int = 6, **options):  # noqa: ARG001
     """Coordinates of the sampler: moments of the area fractions and c.
 
-    The moments go up to degree 4, for which the data are informative; see `MomentCoordinates`. c
+    The moments go up to degree 4, for which the data are informative; see `MomentCoordinates`. They
+    are sums over the normals of the brightness: for angular bodies those over others differ. c
     replaces ln c above the lower end of its prior. Brightness is linear in c, so the curve along
     which other parameters compensate for a change of c is five times straighter.
     """
-    _, harmonics, log_weights = grid(n_facets, degree)
+    _, harmonics, log_weights = grid(n_quadrature, degree)
     low = min(degree, MOMENT_DEGREE)
     return {
         "coefficients": MomentCoordinates(harmonics, (low + 1) ** 2 - 1, log_weights),

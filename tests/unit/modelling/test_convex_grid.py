@@ -164,6 +164,27 @@ def test_coordinates_leave_the_model_as_it_is():
     assert compiled(mixed.potential)(z, data) == pytest.approx(float(expected), rel=1e-9)
 
 
+def test_what_is_hardly_seen_leaves_the_moments_of_the_brightness_as_they_are():
+    """Of a rough body too, whose moments over other normals are different."""
+    options = SMALL | {"n_facets": 100, "n_quadrature": 300, "degree": 5}
+    data = Epochs.of(observed())
+    model = partial(convex_grid.model, **options)
+    mixed = Problem(model, data, convex_grid.coordinates(data, **options))
+    rough = 1.5 * jax.random.normal(jax.random.key(1), (35,))
+    z = mixed.ravel(start(data) | {"coefficients": rough})
+    normals, weights = facets.rings(300)
+    harmonics = facets.spherical_harmonics(normals, 5)[:, 1:]
+    high = mixed.rows(["coefficients"])[24:]
+
+    def moments(z):
+        areas = weights * np.exp(harmonics @ np.asarray(mixed.constrain(z, data)["coefficients"]))
+        return areas @ harmonics[:, :24] / areas.sum()
+
+    changed = moments(z.at[high].add(0.3))
+    np.testing.assert_allclose(changed, moments(z), atol=1e-9)
+    assert np.abs(moments(z.at[mixed.rows(["coefficients"])[:24]].add(0.01)) - changed).max() > 1e-3
+
+
 def test_calibrated_curves_bring_size_and_phase_law():
     relative = set(problem(observed())[0].names)
     built, data = problem(observed(free_scale=False))
