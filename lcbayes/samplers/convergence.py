@@ -21,7 +21,7 @@ MAX_RHAT_OF_FEW = 2.0  # the same where there are too few draws to tell
 TOO_FEW = 0.25  # of the maximum length: the effective size and R-hat of fewer draws vary too much
 # The check uses unconstrained coordinates; reported quantities may have a smaller ESS.
 LENGTH_MARGIN = 1.2
-TAILS = (0.05, 0.95)  # quantiles whose effective sample sizes are those of the tails
+TAILS = (0.11, 0.89)  # quantiles whose effective sample sizes are those of the tails, as in ArviZ
 FEWEST = 4  # draws of a chain
 
 
