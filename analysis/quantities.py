@@ -13,7 +13,6 @@ from lcbayes.analysis.contents import Mode, Results
 from lcbayes.geometry.spherical import lon_lat_deg, unwrapped
 from lcbayes.modelling.likelihood import PASS_SPREADS
 from lcbayes.modelling.variables import is_area, label, reported
-from lcbayes.samplers.convergence import diagnostics
 
 Floats = NDArray[np.float64]
 
@@ -164,7 +163,7 @@ def quantities(results: Results, mode: Mode) -> Iterator[Quantity]:
 
 
 def table(all_of_them: list[Quantity], mode: Mode) -> list[Row]:
-    """Rows with R-hat and effective sample sizes, from summary.json or else from the draws."""
+    """Rows with R-hat and effective sample sizes, from summary.json or else from ArviZ."""
     if not all_of_them:
         return []
     known = mode.summary.get("parameters") or {}
@@ -173,7 +172,7 @@ def table(all_of_them: list[Quantity], mode: Mode) -> list[Row]:
         rows = [[known[q.name].get(k) for k in keys] for q in all_of_them]
         figures = np.array(rows, dtype=float).T  # null becomes NaN
     else:
-        figures = np.stack(diagnostics(np.stack([q.values for q in all_of_them], axis=-1)))
+        figures = _diagnostics(np.stack([q.values for q in all_of_them]))
     stack = np.stack([q.values for q in all_of_them])
     mean, sd = stack.mean(axis=(1, 2)), stack.std(axis=(1, 2), ddof=1)
     quantiles = np.quantile(stack, (0.05, 0.5, 0.95), axis=(1, 2)).T
@@ -181,6 +180,22 @@ def table(all_of_them: list[Quantity], mode: Mode) -> list[Row]:
         Row(q, mean[i], sd[i], tuple(quantiles[i]), *figures[:, i])
         for i, q in enumerate(all_of_them)
     ]
+
+
+def _diagnostics(stack: Floats) -> Floats:
+    """R-hat (rank-normalised, split), bulk and tail ESS of draws (Q, chain, draw): (3, Q)."""
+    import arviz
+
+    moving = np.ptp(stack, axis=(1, 2)) > 0
+    figures = np.full((3, len(stack)), np.nan)
+    if moving.any() and stack.shape[2] >= 4:
+        axes = {"chain_axis": 1, "draw_axis": 2}
+        some = stack[moving]
+        if stack.shape[1] > 1:
+            figures[0, moving] = arviz.rhat(some, **axes)
+        figures[1, moving] = arviz.ess(some, method="bulk", **axes)
+        figures[2, moving] = arviz.ess(some, method="tail", prob=(0.05, 0.95), **axes)
+    return figures
 
 
 def important(all_of_them: list[Quantity], most: int = 6) -> list[Quantity]:

@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any, NamedTuple, cast
@@ -45,8 +46,9 @@ from lcbayes.results.content import (
     SpinMeans,
 )
 from lcbayes.results.draws import weighted_draws
+from lcbayes.results.posterior import dataset
 from lcbayes.results.reasons import reasons, why
-from lcbayes.samplers.convergence import MAX_DIVERGING, MAX_RHAT, MIN_ESS, diagnostics
+from lcbayes.samplers.convergence import MAX_DIVERGING, MAX_RHAT, MIN_ESS
 from lcbayes.samplers.sampling import NUM_DRAWS
 from lcbayes.samplers.settings import PUBLISHED
 
@@ -63,9 +65,15 @@ LIKELY = 0.5  # probability above which a point counts as an outlier
 
 def parameters(draws: Mapping[str, Floats]) -> dict[str, ParameterContent]:
     """Mean, sd, quantiles, R-hat and ESS of each scalar, by ``name`` or ``name[i]``."""
+    import arviz as az
+
+    shown = reported_draws(draws)
+    data = dataset(shown)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # constant draws give NaN, which the caller handles
+        rhat, bulk, tail = az.rhat(data), az.ess(data), az.ess(data, method="tail")
     table: dict[str, ParameterContent] = {}
-    for name, values in reported_draws(draws).items():
-        rhat, bulk, tail = diagnostics(values)
+    for name, values in shown.items():
         quantiles = np.quantile(values, [0.05, 0.5, 0.95], axis=(0, 1))
         for index in np.ndindex(values.shape[2:]):
             at = (slice(None), slice(None), *index)
@@ -75,9 +83,9 @@ def parameters(draws: Mapping[str, Floats]) -> dict[str, ParameterContent]:
                 "q05": float(quantiles[(0, *index)]),
                 "q50": float(quantiles[(1, *index)]),
                 "q95": float(quantiles[(2, *index)]),
-                "rhat": float(rhat[index]),
-                "ess_bulk": float(bulk[index]),
-                "ess_tail": float(tail[index]),
+                "rhat": float(rhat[name].values[index]),
+                "ess_bulk": float(bulk[name].values[index]),
+                "ess_tail": float(tail[name].values[index]),
             }
     return table
 

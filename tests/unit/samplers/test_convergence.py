@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
-from typing import Any
 
-import arviz
 import numpy as np
 import pytest
 
 import lcbayes
 from lcbayes.core.progress import Silent
-from lcbayes.samplers.convergence import MIN_ESS, diagnostics, required_length, rhat_and_ess
+from lcbayes.samplers.convergence import MIN_ESS, required_length, rhat_and_ess
 from lcbayes.samplers.sampling import Sampler
 from lcbayes.samplers.settings import MANY_DRAWS, MAX_DRAWS, Settings
 from tests.helpers import small_curves
@@ -30,43 +28,6 @@ def test_worth_of_draws_of_known_memory():
     rhat, size = rhat_and_ess(autoregressive(0.9, 20_000))
     assert size == pytest.approx(80_000 * 0.1 / 1.9, rel=0.15)
     assert 1.0 <= rhat < 1.01
-
-
-def draws_of_many_kinds() -> np.ndarray:
-    """Slow, antithetic, heavy-tailed, separate, coarse and unequal chains, (4, 501, 6)."""
-    rng = np.random.default_rng(1)
-    z = np.stack([autoregressive(m, 501)[..., 0] for m in (0.9, -0.6)], axis=-1)
-    heavy, coarse = rng.standard_t(2, (4, 501)), rng.integers(0, 4, (4, 501))
-    separate = rng.standard_normal((4, 501)) + np.arange(4.0)[:, None]
-    unequal = rng.standard_normal((4, 501)) * np.arange(1.0, 5.0)[:, None]
-    return np.concatenate([z, np.stack([heavy, separate, coarse, unequal], axis=-1)], axis=-1)
-
-
-def test_diagnostics_are_those_of_arviz():
-    z = draws_of_many_kinds()
-    axes: dict[str, Any] = {"chain_axis": 0, "draw_axis": 1}
-    found = diagnostics(z)
-    np.testing.assert_allclose(found.rhat, arviz.rhat(z, **axes), rtol=1e-12)
-    # the last pair of Geyer's sequence counts differently
-    np.testing.assert_allclose(found.bulk, arviz.ess(z, method="bulk", **axes), rtol=0.02)
-    tail = arviz.ess(z, method="tail", prob=(0.11, 0.89), **axes)
-    np.testing.assert_allclose(found.tail, tail, rtol=0.02)
-
-
-def test_what_cannot_be_diagnosed():
-    z = draws_of_many_kinds()[..., :3]
-    z[..., 0], z[2, 7, 1] = 1.0, np.nan
-    rhat, bulk, tail = diagnostics(z)
-    assert np.isnan([*rhat[:2], bulk[1], tail[1]]).all()
-    assert bulk[0] == tail[0] == 4 * 500  # the halves leave one of 501 out
-    np.testing.assert_allclose([rhat[2], bulk[2], tail[2]], [*diagnostics(z[..., 2])])
-    assert rhat_and_ess(z) == (rhat[2], min(bulk[2], tail[2]))
-    one = diagnostics(z[:1])
-    assert np.isnan(one.rhat).all()
-    assert one.bulk[2] > 0
-    assert all(np.isnan(x).all() for x in diagnostics(z[:, :3]))
-    assert np.isnan(rhat_and_ess(z[..., :1])[0])
-    assert diagnostics(np.zeros((4, 9))).rhat.shape == ()
 
 
 def test_enough_draws_are_left_alone():
