@@ -146,13 +146,17 @@ def _least(parts: dict[int, Ends], points: Points) -> float:
 def misfit(points: Points, squares: Floats, best: Floats) -> Floats:
     """χ² of hypotheses from their sums of squares (B, K).
 
-    If errors are unknown, each noise group has the noise level of the ``best`` hypothesis (K,), so
-    that the χ² of that hypothesis is about the number of points.
+    If errors are unknown, the χ² of the ``best`` hypothesis (K,) at its own noise levels is about
+    the number of points n. That of another is the best's times exp(2Δ/n), where Δ is the difference
+    of the objectives, each at the hypothesis's own noise levels. At the noise levels of the best,
+    those of a curve that it fits by chance would exclude others.
     """
     if points.error_known:
         return squares.sum(axis=1)
-    count = np.asarray(points.noise).sum(axis=0)
-    return squares @ ((count + PRIOR_POINTS) / (best + PRIOR_SQUARES))
+    weight = np.asarray(points.noise).sum(axis=0) + PRIOR_POINTS
+    level = best + PRIOR_SQUARES
+    ratio = np.log((squares + PRIOR_SQUARES) / level) @ weight / weight.sum()
+    return (best @ (weight / level)) * np.exp(ratio)
 
 
 def residuals(points: Points, body: SmoothBody, ends: Ends) -> Floats:

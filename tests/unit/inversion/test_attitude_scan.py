@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.cluster import worker_pool
@@ -29,6 +30,27 @@ from tests.helpers import spinning_bodies
 
 POLE = np.array([0.48, -0.6, 0.64])
 UNIT = 1e-7
+
+
+def log_likelihood(residuals: np.ndarray, curve: np.ndarray) -> float:
+    """Of normal errors with the most likely sd of each curve."""
+    parts = (residuals[curve == k] for k in np.unique(curve))
+    return sum(float(norm.logpdf(r, scale=np.sqrt(np.mean(r**2))).sum()) for r in parts)
+
+
+def test_hypotheses_of_unknown_errors_are_compared_at_their_own_noise_levels(curve):
+    """A quiet curve and a noisy one, each fitted better by another hypothesis."""
+    rng = np.random.default_rng(0)
+    number = np.repeat([0, 1], [800, 200])
+    first = np.where(number == 0, 0.01, 0.2) * rng.standard_normal(1000)
+    second = first * np.where(number == 0, 1.4, 0.8)
+    group = np.stack([number == 0, number == 1], axis=1).astype(float)
+    points = replace(Points.of(curve), noise=jnp.asarray(group), error_known=False)
+    squares = np.stack([(r / 0.02) ** 2 @ group for r in (first, second)])
+    one, other = search.misfit(points, squares, squares[0])
+    assert one == pytest.approx(1000, rel=0.01)
+    gain = log_likelihood(first, number) - log_likelihood(second, number)
+    assert 1000 * np.log(other / one) == pytest.approx(2 * gain, rel=0.01)
 
 
 def a_spin(degree: int = 3, frequency: float = 5e-5) -> Spin:
