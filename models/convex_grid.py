@@ -259,8 +259,10 @@ def coordinates(data: Epochs, *, n_quadrature: int = 600, degree: int = 6, **opt
     """Coordinates of the sampler: moments of the area fractions and c.
 
     The moments go up to degree 4, for which the data are informative; see `MomentCoordinates`. They
-    are sums over the normals of the brightness: for angular bodies those over others differ. c
-    replaces ln c above the lower end of its prior. Brightness is linear in c, so the curve along
+    are sums over the same normals as the brightness, since sums over other normals differ for
+    angular bodies, and would change with coordinates that the data hardly constrain.
+
+    c replaces ln c above the lower end of its prior. Brightness is linear in c, so the curve along
     which other parameters compensate for a change of c is five times straighter.
     """
     _, harmonics, log_weights = grid(n_quadrature, degree)

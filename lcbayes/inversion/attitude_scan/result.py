@@ -86,7 +86,7 @@ class Table:
     """The screened constant spins, in the order of the trials.
 
     start, pole : (B, 3); frequency, chi2 : (B,); steps : (B,)
-        χ² at the noise levels of the best spin, with the coarse body.
+        χ² with the coarse body; see `search.misfit`.
     tried : (B,) Hz
         Initial frequency of each spin.
     """

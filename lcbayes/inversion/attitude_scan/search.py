@@ -146,10 +146,10 @@ def _least(parts: dict[int, Ends], points: Points) -> float:
 def misfit(points: Points, squares: Floats, best: Floats) -> Floats:
     """χ² of hypotheses from their sums of squares (B, K).
 
-    If errors are unknown, the χ² of the ``best`` hypothesis (K,) at its own noise levels is about
-    the number of points n. That of another is the best's times exp(2Δ/n), where Δ is the difference
-    of the objectives, each at the hypothesis's own noise levels. At the noise levels of the best,
-    those of a curve that it fits by chance would exclude others.
+    If errors are unknown, every hypothesis has its own noise levels. The χ² of the ``best`` (K,) is
+    then about the number of points n, and that of another is larger by the factor exp(2Δ/n), where
+    Δ is the difference of the objectives. The noise levels of the best would not do for the others:
+    it may have fitted one curve too closely by chance.
     """
     if points.error_known:
         return squares.sum(axis=1)
