@@ -18,6 +18,8 @@ from lcbayes.data.lightcurve import LightCurve
 Floats = NDArray[np.float64]
 
 MAGNITUDES = (3.0, 30.0)  # of asteroids
+SHALLOW = 0.2  # range within a curve over its mean; magnitudes vary by less, most fluxes by more
+EQUAL = 1e-3  # relative spread of the means of curves that were divided by them
 PHASE_RANGE_DEG, SIGNIFICANT = 10.0, 4.0  # range of phase angles, and slope in its errors
 FAINT_FLUX = 1e-3  # magnitudes that are all nearer to zero are fluxes
 NOISE_LIMIT = 1.0  # median error relative to the median flux
@@ -82,6 +84,32 @@ def check_flux_of_asteroid(curve: LightCurve) -> None:
             f"{flux.max():.4g} and grows with the phase angle, as magnitudes do; name the column "
             "mag (--columns mag=flux,mag_err=flux_err)"
         )
+
+
+def check_intensities(flux: Floats, curve: NDArray[np.int64], name: str) -> None:
+    """Refuse magnitudes in place of the relative fluxes (T,) of an asteroid's curves (T,).
+
+    Every curve has a mean in the range of magnitudes, and varies by a fraction of it that is small
+    for the flux of an asteroid. The means differ, as those of fluxes over their mean do not.
+
+    Raises
+    ------
+    InputError
+    """
+    rows = [flux[curve == index] for index in np.unique(curve)]
+    means, ranges = np.array([x.mean() for x in rows]), np.array([np.ptp(x) for x in rows])
+    low, high = MAGNITUDES
+    inside = low < flux.min() and flux.max() < high
+    equal = len(rows) > 1 and np.ptp(means) < EQUAL * means.mean()
+    deepest = np.max(ranges / means)
+    if not inside or equal or not 0.0 < deepest < SHALLOW:
+        return
+    raise InputError(
+        f"{name}: the intensities of all relative curves lie in {flux.min():.4g} .. "
+        f"{flux.max():.4g} and vary by at most {100 * deepest:.2g} % within a curve, as magnitudes "
+        "do; give intensities, 10^(-0.4 mag). If they are intensities, divide each curve by its "
+        "mean, or all by the same number"
+    )
 
 
 def _check_seconds(curve: LightCurve, name: str) -> None:

@@ -157,7 +157,10 @@ class Entry:
                         "with --reflectance"
                     )
                 listed = ", ".join(known) or "none"
-                raise InputError(f"model {self.name!r} has no option {name!r}; available: {listed}")
+                raise InputError(
+                    f"model {self.name!r} has no option {name!r}{closest(name, known)}; "
+                    f"available: {listed}"
+                )
             checked[name] = _convert(self.name, known[name], value)
         for option in known.values():
             if option.required and option.name not in checked:

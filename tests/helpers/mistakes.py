@@ -165,6 +165,13 @@ MISTAKES: dict[str, list[Mistake]] = {
             noticed=True,
         ),
         _read(
+            "Magnitudes in a DAMIT file",
+            "1\n8 0\n"
+            + "".join(f"2458910.{50 + i} {mag} 2 0 0 1 0 0\n" for i, mag in enumerate(MAGS[:8])),
+            "as magnitudes do",
+            "give intensities, 10^(-0.4 mag)",
+        ),
+        _read(
             "Fluxes in a column mag",
             PASS.replace(",7.", ",0.00000007"),
             "within 0.001 of zero",
@@ -395,6 +402,11 @@ MISTAKES: dict[str, list[Mistake]] = {
             "An option of another model",
             f"{FIT} --law lvlh",
             ("model 'faceted' has no attitude law", "--reflectance"),
+        ),
+        Mistake(
+            "An option of a model is misspelt",
+            f"{FIT} --model body --body plate --set scale=0",
+            ("model 'body' has no option 'scale'", "mean scale_sd?"),
         ),
         Mistake(
             "A range of periods backwards",

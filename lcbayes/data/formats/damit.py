@@ -15,6 +15,7 @@ from lcbayes.data.formats.build import unit
 from lcbayes.data.formats.columns import Options
 from lcbayes.data.formats.times import seconds_from_jd
 from lcbayes.data.lightcurve import LightCurve
+from lcbayes.data.plausible import check_flux_of_asteroid, check_intensities
 
 WIDTH = 8  # JD, intensity, asteroid→Sun (3), asteroid→Earth (3)
 SETTINGS = 14  # lines of settings in an input of Asteroids@home
@@ -83,6 +84,8 @@ def read_damit(file: TextFile, options: Options) -> LightCurve:
         if bad.any():
             _fail(file, lines[int(np.argmax(bad))], what, "correct or drop the row")
     free = np.array([flag == 0 for flag in flags])
+    if not options.geometry_only and any(free):
+        check_intensities(brightness[free[curve]], curve[free[curve]], file.name)
     mean = np.bincount(curve, brightness) / np.bincount(curve)
     brightness /= np.where(free, mean, 1.0)[curve]
     t, epoch = seconds_from_jd(jd)
@@ -92,7 +95,7 @@ def read_damit(file: TextFile, options: Options) -> LightCurve:
     source = {"file": file.name, "format": "damit", "sha256": file.sha256}
     if options.geometry_only:
         brightness = np.full(t.size, np.nan)
-    return LightCurve(
+    found = LightCurve(
         t=t,
         brightness=brightness,
         error=options.errors(None, t.size, file.name),
@@ -104,6 +107,10 @@ def read_damit(file: TextFile, options: Options) -> LightCurve:
         frame="ecliptic-j2000",
         source=source | ({"notes": "; ".join(notes)} if notes else {}),
     )
+    calibrated = ~free[curve]
+    if calibrated.any() and not options.geometry_only:
+        check_flux_of_asteroid(found.select(calibrated))
+    return found
 
 
 def _parse(

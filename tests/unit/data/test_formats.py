@@ -92,6 +92,39 @@ def test_damit_with_more_curves_than_announced(tmp_path):
     assert "announces 1 curves, the file holds 2" in curve.source["notes"]
 
 
+def _asteroid(values, flag: int = 0) -> str:
+    """Three curves of 20 intensities each, at phase angles of 0, 10 and 20 degrees."""
+    curves = ["3"]
+    for number, rows in enumerate(np.reshape(values, (3, 20))):
+        x, y = np.cos(np.radians(10 * number)), np.sin(np.radians(10 * number))
+        curves.append(f"20 {flag}")
+        curves += [
+            f"{2443845.25 + 30 * number + 0.01 * i} {value:.5f}  2 0 0  {2 * x:.6f} {2 * y:.6f} 0"
+            for i, value in enumerate(rows)
+        ]
+    return "\n".join(curves)
+
+
+@pytest.mark.parametrize("name", ["a.lcs", "period_search_in"])
+def test_magnitudes_in_a_damit_file_are_refused(tmp_path, name):
+    """An elongated asteroid of half a magnitude, which becomes fainter from curve to curve."""
+    path = tmp_path / name
+    settings = "2 0.5 1000 1\n" + "0.1\n" * 13 if name == "period_search_in" else ""
+    level = np.repeat([13.9, 14.2, 14.6], 20)
+    magnitudes = level + 0.25 * np.sin(np.tile(np.arange(20), 3))
+    path.write_text(settings + _asteroid(magnitudes))
+    with pytest.raises(InputError, match=r"lie in 13\.65 \.\. 14\.85 and vary by at most 3\.6 %"):
+        read(path)
+    path.write_text(settings + _asteroid(magnitudes, flag=1))
+    with pytest.raises(InputError, match="grows with the phase angle, as magnitudes do"):
+        read(path)
+    assert read_geometry(path).n_obs == 60
+    flux = 10.0 ** (-0.4 * (magnitudes - 18.0))  # 18 to 55, within the range of magnitudes
+    for sound in (flux, magnitudes / magnitudes.mean(), np.tile(magnitudes[:20], 3)):
+        path.write_text(settings + _asteroid(sound))
+        assert read(path).n_curves == 3
+
+
 def test_damit_with_its_own_directions_takes_no_others(tmp_path, tle):
     path = tmp_path / "a.lcs"
     path.write_text(DAMIT)
