@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.analysis.contents import Mode, Results
-from lcbayes.analysis.numerals import date
 from lcbayes.analysis.shape_files import model_of_fit
 from lcbayes.analysis.style import DATA, Gallery, Image, colour
 from lcbayes.core.constants import DAY_S
+from lcbayes.geometry.times import date
 
 Floats = NDArray[np.float64]
 

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lcbayes.analysis.numerals import SUPERSCRIPT, date
+from lcbayes.analysis.numerals import SUPERSCRIPT
 from lcbayes.analysis.style import colour
 from lcbayes.core.constants import DAY_S
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.data.segments import NIGHT, labels, split
+from lcbayes.geometry.times import date
 
 MOST_POINTS = 20_000  # of the light curve; above, the page has still pictures only
 

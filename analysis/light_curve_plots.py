@@ -11,10 +11,11 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from lcbayes.analysis.contents import Mode, Results
-from lcbayes.analysis.numerals import SUPERSCRIPT, date, duration
+from lcbayes.analysis.numerals import SUPERSCRIPT, duration
 from lcbayes.analysis.style import DATA, FAINT, Gallery, Image, colour
 from lcbayes.core.constants import HOUR_S
 from lcbayes.data.segments import Gap, split
+from lcbayes.geometry.times import date
 from lcbayes.inversion.spin import periods
 from lcbayes.inversion.spin.candidates import within
 from lcbayes.inversion.spin.detrended import Pass

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lcbayes.analysis.numerals import FRAMES, date, duration, show
+from lcbayes.analysis.numerals import FRAMES, duration, show
 from lcbayes.analysis.pages import environment
 from lcbayes.analysis.small_report import Listing
 from lcbayes.analysis.style import DATA, FAINT, Gallery, colour, drawing
 from lcbayes.core.errors import InputError
 from lcbayes.core.version import installed_version
 from lcbayes.data.lightcurve import LightCurve
+from lcbayes.geometry.times import date
 from lcbayes.inversion.spin.candidates import Candidates
 
 if TYPE_CHECKING:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 import math
 
 FRAMES = {
@@ -59,9 +58,3 @@ def duration(seconds: float) -> str:
         if seconds >= 2 * size:
             return f"{seconds / size:.3g} {unit}"
     return f"{seconds:.3g} s"
-
-
-def date(julian: float, clock: bool = False) -> str:
-    """Calendar date of a Julian date, with hours and minutes if ``clock`` is true."""
-    moment = datetime.datetime(2000, 1, 1, 12) + datetime.timedelta(days=julian - 2451545.0)
-    return moment.strftime("%Y-%m-%d %H:%M" if clock else "%Y-%m-%d")

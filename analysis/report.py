@@ -21,8 +21,9 @@ from lcbayes.analysis import (
     tables,
 )
 from lcbayes.analysis.contents import Mode, Results
-from lcbayes.analysis.numerals import date, duration, percent, show
+from lcbayes.analysis.numerals import duration, percent, show
 from lcbayes.analysis.pages import environment
+from lcbayes.geometry.times import date
 from lcbayes.results.asteroid import tilt_warning
 from lcbayes.results.reasons import agreement, measured_faults, searched, stored
 

@@ -9,9 +9,10 @@ import numpy as np
 from lcbayes.analysis import quantities
 from lcbayes.analysis.contents import Mode, Results
 from lcbayes.analysis.light_curve_plots import bands, segments
-from lcbayes.analysis.numerals import date, duration, percent, show
+from lcbayes.analysis.numerals import duration, percent, show
 from lcbayes.data.segments import PASS
 from lcbayes.geometry.spherical import lon_lat_deg
+from lcbayes.geometry.times import date
 from lcbayes.results.asteroid import QUANTITIES
 from lcbayes.results.reasons import FAULTS, name_of_test, p_words
 

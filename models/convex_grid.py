@@ -77,13 +77,14 @@ def model(
     integrated out (`relief.EllipsoidWithRelief`). ln c ~ Normal(ln 0.1, 0.5). Each component of
     Σαn/Σα is 0 ± 0.01: the surface closes within the error of the grid.
 
-    If all curves are relative, neither the size nor the phase law is inferred: Σα = 8, as for a
-    sphere with flux 1, and S = 1. With a calibrated curve the flux of a sphere with these areas at
-    zero phase, F = Σα (1/8 + c/6), has ln F ~ Normal(ln mean calibrated flux, 1), and
+    If all curves are relative, the size is not inferred: Σα = 8, as for a sphere with flux 1. With
+    a calibrated curve the flux of a sphere with these areas at zero phase, F = Σα (1/8 + c/6), has
+    ln F ~ Normal(ln mean calibrated flux, 1). With it, or with a relative curve that covers more
+    than 5 degrees of phase angle, such as the points of a survey,
     S = a exp(−phase/d) + k phase + 1 with ln a ~ Normal(ln 0.5, 0.5), ln d ~ Normal(ln 0.1, 0.5),
-    k ~ Normal(−0.5, 0.3), phase in rad. The body's axes at the middle of the data are
-    `attitude.brought_to` of the pole. There is no rotational phase, because a rotation about the
-    pole is equivalent to a rotation of the areas on the grid.
+    k ~ Normal(−0.5, 0.3), phase in rad; otherwise S = 1. The body's axes at the middle of the data
+    are `attitude.brought_to` of the pole. There is no rotational phase, because a rotation about
+    the pole is equivalent to a rotation of the areas on the grid.
 
     Parameters
     ----------
@@ -122,7 +123,8 @@ def model(
     numpyro.sample("closure", dist.Normal(share @ normals, CLOSURE_SD).to_event(1), obs=np.zeros(3))
     lambert = jnp.exp(numpyro.sample("log_lambert_c", dist.Normal(*LOG_LAMBERT)))
     numpyro.deterministic("lambert_c", lambert)
-    size, surface = calibration(data, lambert) if data.calibrated else (1.0, 1.0)
+    size = calibration(data, lambert) if data.calibrated else 1.0
+    surface = phase_law(data) if data.calibrated or data.phased else 1.0
     _, coarse, log_coarse = grid(n_facets, degree)
     reported = jax.nn.softmax(coarse @ coefficients + log_coarse)
     numpyro.deterministic("albedo_area", SPHERE * size * reported)
@@ -221,19 +223,24 @@ def typical(data: Epochs) -> jax.Array:
     return jnp.sum(jnp.where(known, linear / data.dilution, 0.0)) / jnp.sum(known)
 
 
-def calibration(data: Epochs, lambert: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Σα/8 of the body and S of each epoch (T,), which only calibrated curves constrain.
+def calibration(data: Epochs, lambert: jax.Array) -> jax.Array:
+    """Σα/8 of the body, which only calibrated curves constrain.
 
     The data constrain F = Σα (1/8 + c/6) much better than Σα or c. With Σα as a coordinate, the
     posterior would be a narrow curved ridge in Σα and c, on which chains move slowly.
     """
     flux = jnp.exp(numpyro.sample("log_sphere_flux", dist.Normal(jnp.log(typical(data)), 1.0)))
+    return flux / (1.0 + 4.0 * lambert / 3.0)
+
+
+def phase_law(data: Epochs) -> jax.Array:
+    """S of each epoch (T,), which only curves constrain that cover a range of phase angles."""
     a = jnp.exp(numpyro.sample("log_phase_a", dist.Normal(np.log(0.5), 0.5)))
     d = jnp.exp(numpyro.sample("log_phase_d", dist.Normal(np.log(0.1), 0.5)))
     k = jnp.asarray(numpyro.sample("phase_k", dist.Normal(-0.5, 0.3)))
     numpyro.deterministic("phase_a", a)
     numpyro.deterministic("phase_d", d)
-    return flux / (1.0 + 4.0 * lambert / 3.0), photometry.phase_law(data.phase_angle, a, d, k)
+    return photometry.phase_law(data.phase_angle, a, d, k)
 
 
 def starts(data: Epochs, key, *, degree: int = 6, **options):  # noqa: ARG001
@@ -246,8 +253,10 @@ def starts(data: Epochs, key, *, degree: int = 6, **options):  # noqa: ARG001
         "noise_unit": jnp.zeros(len(data.free_scale)),
     }
     if data.calibrated:
-        sphere |= {"log_sphere_flux": jnp.log(typical(data)), "phase_k": jnp.array(-0.5)}
+        sphere |= {"log_sphere_flux": jnp.log(typical(data))}
+    if data.calibrated or data.phased:
         sphere |= {"log_phase_a": jnp.log(0.5), "log_phase_d": jnp.log(0.1)}
+        sphere |= {"phase_k": jnp.array(-0.5)}
     return [
         sphere | {"pole_base": jnp.asarray(pole)[None], "period_shift": jnp.array(shift)}
         for pole in facets.grid(12)

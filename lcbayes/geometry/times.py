@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import warnings
 from dataclasses import dataclass
 
@@ -9,6 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[np.float64]
+
+
+def date(julian: float, clock: bool = False) -> str:
+    """Calendar date of a Julian date, with hours and minutes if ``clock`` is true."""
+    moment = datetime.datetime(2000, 1, 1, 12) + datetime.timedelta(days=julian - 2451545.0)
+    return moment.strftime("%Y-%m-%d %H:%M" if clock else "%Y-%m-%d")
 
 
 @dataclass(frozen=True)

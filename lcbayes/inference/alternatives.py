@@ -14,6 +14,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from lcbayes.core.constants import HOUR_S
 from lcbayes.core.jax_setup import jnp
 from lcbayes.data.segments import PASS, split
 from lcbayes.modelling.epochs import Epochs
@@ -88,7 +89,7 @@ def alternatives(
     Parameters
     ----------
     names : mapping
-        Names of the ``observers`` and ``calibrations`` of the data.
+        Names of the ``observers``, ``calibrations`` and ``curves`` of the data.
     kinds : tuple of str
         Only these names of alternatives; all by default.
     """
@@ -99,6 +100,8 @@ def alternatives(
     if spin > 0.0:
         candidates += _drift(problem, z, data, spin)
         candidates += [] if kinds else _nutation(problem, z, data, sites)
+    if "period_h" in sites:
+        candidates += _late_curve(problem, z, data, names["curves"], float(sites["period_h"]))
     if {"sun_body", "normals"} <= sites.keys() and not kinds:
         candidates += [*_lobes(sites), *_further_facet(sites), *_notches(sites)]
         candidates += _laws(flux, sites)
@@ -171,6 +174,17 @@ def _clocks(
                 column -= _by_time(problem, z, data, moving=False)
             about = f"pass {number}{of}"
             yield Alternative("late-pass", about, "s", column[None, None], reach=reach)
+
+
+def _late_curve(
+    problem: Problem, z: Floats, data: Epochs, names: tuple[str, ...], period_h: float
+) -> Iterator[Alternative]:
+    """The times of one curve are late by min: each curve in turn, as one version."""
+    here = np.asarray(data.curve) == np.arange(len(names))[:, None]
+    if len(names) > 1:
+        columns = np.where(here, 60.0 * _by_time(problem, z, data, moving=True), 0.0)
+        reach = LINEAR_TURN * period_h * HOUR_S / (2.0 * np.pi * 60.0)
+        yield Alternative("late-curve", "", "min", columns[:, None], names, reach=reach)
 
 
 def _drift(problem: Problem, z: Floats, data: Epochs, spin: float) -> Iterator[Alternative]:

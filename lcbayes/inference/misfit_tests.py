@@ -18,10 +18,12 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.special import ndtri_exp
 
+from lcbayes.core.constants import DAY_S
 from lcbayes.core.jax_setup import jnp
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.data.observers import calibrations, observers
 from lcbayes.data.segments import PASS, split
+from lcbayes.geometry.times import date
 from lcbayes.inference.alternatives import Alternative, alternatives
 from lcbayes.inference.correlation import autocorrelation
 from lcbayes.modelling.epochs import Epochs
@@ -144,9 +146,23 @@ class Examination:
 
 
 def names_of(curve: LightCurve) -> dict[str, tuple[str, ...]]:
-    """Names of the observers and calibrations of a curve, as `alternatives` expects them."""
+    """Names of observers, calibrations and curves, as `alternatives` expects them."""
     seen_by = observers(curve)
-    return {"observers": seen_by.names, "calibrations": calibrations(curve, seen_by).names}
+    return {
+        "observers": seen_by.names,
+        "calibrations": calibrations(curve, seen_by).names,
+        "curves": _curves(curve),
+    }
+
+
+def _curves(curve: LightCurve) -> tuple[str, ...]:
+    """Each curve by its number and the date of its first point, as on a page."""
+    names = []
+    for k in range(curve.n_curves):
+        first = float(curve.t[curve.curve == k].min())
+        dated = curve.epoch_jd and f" ({date(curve.epoch_jd + first / DAY_S)})"
+        names.append(f"curve {k + 1}{dated or ''}")
+    return tuple(names)
 
 
 def residuals(problem: Problem, z: Floats, data: Epochs) -> Floats:

@@ -25,6 +25,7 @@ from lcbayes.physics.attitude.laws import Ephemeris
 Floats = NDArray[np.float64]
 
 UNKNOWN_ERROR = 0.03  # relative, of curves without errors
+PHASES = np.radians(5.0)  # range within a curve that a phase law changes, by some 0.1 mag
 MIN_SUNLIGHT = 0.05  # share below which a point tells nothing of the flux in full sunlight
 
 
@@ -112,6 +113,9 @@ class Epochs:
     calibrated : bool
         Whether any group of the fitted curve has a known scale; kept for predictions like
         ``t_middle``.
+    phased : bool
+        Whether a group of unknown scale in the fitted curve covers `PHASES` of phase angle, over
+        which the brightness falls by what bodies of one shape and albedo do not.
     has_passes : bool
         Whether the fitted curve has several groups, more passes than groups, and more points than
         passes. Pass effects can then be distinguished from the noise and from group effects.
@@ -161,6 +165,7 @@ class Epochs:
     n_segments: int = _static(1)
     n_nights: int = _static(1)
     calibrated: bool = _static(True)
+    phased: bool = _static(False)
     has_passes: bool = _static(False)
 
     @classmethod
@@ -230,6 +235,7 @@ class Epochs:
             n_segments=len(split(fitted.t, known.index, PASS)),
             n_nights=nights.number,
             calibrated=not np.all(fitted.free_scale),
+            phased=_phased(fitted),
             has_passes=has_passes,
         )
 
@@ -263,6 +269,12 @@ class Epochs:
             calibration=jnp.full_like(self.calibration, -1),
             night=jnp.full_like(self.night, -1),
         )
+
+
+def _phased(curve: LightCurve) -> bool:
+    phase = curve.phase_angle
+    ranges = [np.ptp(phase[curve.curve == k]) for k in np.flatnonzero(curve.free_scale)]
+    return bool(np.max(ranges, initial=0.0) > PHASES)
 
 
 def _typical_step(curve: LightCurve) -> float:

@@ -247,6 +247,7 @@ CAUSES = {
     "model",
     "clock": "the times of {about} are {size} s too {late}",
     "late-pass": "the times of {about} are {size} s too {late}",
+    "late-curve": "the times of {version} are {size} min too {late}",
     "rate-drift": "the rate of rotation {grows} by {size} % over the light curve",
     "nutation": "the body nutates by {size} deg (rms), at {version}: give nutation_ratio",
     "lobe": "{about} has a weak lobe of {version}, {size} times as bright at its peak as the "
@@ -269,6 +270,7 @@ TESTS = {
     "phase-slope": "a further slope with the phase angle",
     "clock": "the clock of {about}",
     "late-pass": "the clock in {about}",
+    "late-curve": "the times of one curve",
     "rate-drift": "a drift of the rate of rotation",
     "nutation": "nutation",
     "lobe": "a weak lobe of {about}",

@@ -20,7 +20,8 @@ from lcbayes.analysis import (
     quantities,
     tables,
 )
-from lcbayes.analysis.numerals import date, duration, show
+from lcbayes.analysis.numerals import duration, show
+from lcbayes.geometry.times import date
 from lcbayes.cli.main import main
 from lcbayes.core.errors import InputError
 from tests.helpers import results_folders
