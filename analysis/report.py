@@ -130,8 +130,7 @@ def _verdict(results: Results) -> dict[str, Any]:
             "head": "Do not trust these numbers.",
             "reasons": reasons or ["The run gave no reason; see the diagnostics below."],
         }
-    tested = (summary.get("fit") or {}).get("chi2") is not None
-    head = agreement([mode.weight for mode in results.modes], tested)
+    head = agreement([mode.weight for mode in results.modes], summary.get("fit") or {})
     notes = []
     if count > 1:
         shares = ", ".join(f"{m.name} {tables.weight(m)}" for m in results.modes)

@@ -151,7 +151,7 @@ def _no_errors(curve: LightCurve) -> str:
     if curve.error is not None or curve.source.get("format") not in USER_COLUMNS:
         return ""
     return (
-        "there are no errors, so that their size is inferred and the misfit cannot be tested: "
+        "there are no errors, so that their size is inferred and chi2 cannot be tested: "
         f"add a column {curve.kind}_err, or give --error"
     )
 

@@ -14,9 +14,12 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes.core.constants import HOUR_S
+from lcbayes.core.constants import DAY_S, HOUR_S
 from lcbayes.core.jax_setup import jnp
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.data.observers import calibrations, observers
 from lcbayes.data.segments import PASS, split
+from lcbayes.geometry.times import date
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import FLUX
 from lcbayes.modelling.nutation import in_phase
@@ -75,6 +78,26 @@ class Alternative:
     labels: tuple[str, ...] = ("",)
     one_sided: bool = False
     reach: float = np.inf
+
+
+def names_of(curve: LightCurve) -> dict[str, tuple[str, ...]]:
+    """Names of observers, calibrations and curves, as `alternatives` expects them."""
+    seen_by = observers(curve)
+    return {
+        "observers": seen_by.names,
+        "calibrations": calibrations(curve, seen_by).names,
+        "curves": _curves(curve),
+    }
+
+
+def _curves(curve: LightCurve) -> tuple[str, ...]:
+    """Each curve by its number and the date of its first point, as on a page."""
+    names = []
+    for k in range(curve.n_curves):
+        first = float(curve.t[curve.curve == k].min())
+        dated = curve.epoch_jd and f" ({date(curve.epoch_jd + first / DAY_S)})"
+        names.append(f"curve {k + 1}{dated or ''}")
+    return tuple(names)
 
 
 def alternatives(

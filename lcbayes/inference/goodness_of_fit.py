@@ -11,7 +11,7 @@ from scipy.special import ndtri_exp
 from scipy.stats import chi2 as chi2_distribution
 
 from lcbayes.core.jax_setup import jnp
-from lcbayes.inference.misfit_tests import Examination
+from lcbayes.inference.misfit_tests import Examination, errors_known
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import Law
 from lcbayes.modelling.problem import Problem, compiled
@@ -82,11 +82,9 @@ def measure(
     """Misfit of the best-fitting point among z (n, D)."""
     fits = [chi2(problem, z, data) for z in rows]
     best = int(np.argmin(np.nan_to_num(fits, nan=np.inf)))
-    # an inferred scatter in addition to the errors makes any model fit
-    has_known_error = data.has_error and not {"sigma", "log_sigma"} & set(problem.names)
     dof = degrees_of_freedom(problem, rows[best], data)
     share = min(1.0, float(np.mean(np.asarray(data.information))))
-    chi2_known = fits[best] if has_known_error else None
+    chi2_known = fits[best] if errors_known(problem, data) else None
     facets = any(name.endswith("normals_base") for name in problem.names)
     return Misfit(chi2_known, round(dof, 1), problem.law, share, examination, facets)
 

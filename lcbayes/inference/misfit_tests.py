@@ -18,13 +18,11 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.special import ndtri_exp
 
-from lcbayes.core.constants import DAY_S
 from lcbayes.core.jax_setup import jnp
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.data.observers import calibrations, observers
+from lcbayes.data.observers import observers
 from lcbayes.data.segments import PASS, split
-from lcbayes.geometry.times import date
-from lcbayes.inference.alternatives import Alternative, alternatives
+from lcbayes.inference.alternatives import Alternative, alternatives, names_of
 from lcbayes.inference.correlation import autocorrelation
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem, compiled
@@ -103,7 +101,8 @@ class Examination:
         From the smallest p-value.
     limit : float
         The p-value below which one of these tests refuses the model: the model is refused by
-        mistake with the probability `FALSE_ALARM`, whichever test does it.
+        mistake with the probability `FALSE_ALARM`, whichever test does it. If the noise is
+        inferred, the tests and their p-values are those of shares of chi2.
     relative_limit : float
         The same for the p-values of shares of chi2: if the errors of a correct model are too small
         by one factor, an alternative is taken for the cause with the probability `FALSE_ALARM`.
@@ -145,24 +144,9 @@ class Examination:
         return max(good, key=lambda e: e.gain, default=None)
 
 
-def names_of(curve: LightCurve) -> dict[str, tuple[str, ...]]:
-    """Names of observers, calibrations and curves, as `alternatives` expects them."""
-    seen_by = observers(curve)
-    return {
-        "observers": seen_by.names,
-        "calibrations": calibrations(curve, seen_by).names,
-        "curves": _curves(curve),
-    }
-
-
-def _curves(curve: LightCurve) -> tuple[str, ...]:
-    """Each curve by its number and the date of its first point, as on a page."""
-    names = []
-    for k in range(curve.n_curves):
-        first = float(curve.t[curve.curve == k].min())
-        dated = curve.epoch_jd and f" ({date(curve.epoch_jd + first / DAY_S)})"
-        names.append(f"curve {k + 1}{dated or ''}")
-    return tuple(names)
+def errors_known(problem: Problem, data: Epochs) -> bool:
+    """Whether the noise is that of the data; an inferred scatter makes any model fit."""
+    return data.has_error and not {"sigma", "log_sigma"} & set(problem.names)
 
 
 def residuals(problem: Problem, z: Floats, data: Epochs) -> Floats:
@@ -219,9 +203,10 @@ def examine(
         gains, best = _gains(one, every, maker)
         values[_code(one)] = gains
         scores.append((one, gains, best))
-    p_values, limit = _p_values(values)
     # every statistic is quadratic in the residuals
     shares = {k: v / values["chi2"] for k, v in values.items() if k != "chi2"}
+    tested = values if errors_known(problem, data) else dict(shares)
+    p_values, limit = _p_values(tested)
     shares[KURTOSIS] = np.sum(every**4, axis=1) / values["chi2"] ** 2
     relative, relative_limit = _p_values(shares)
     even = min(float(p[0]) for p in relative.values()) >= relative_limit
@@ -231,7 +216,7 @@ def examine(
     kurtosis = seen.size * float(shares[KURTOSIS][0]) if heavy else None
     tests = [
         ResidualTest(k, float(v[0]), float(p_values[k][0]), bool(v[0] > v[1:].max()))
-        for k, v in values.items()
+        for k, v in tested.items()
     ]
     explanations = [
         _explanation(one, best, every, maker)._replace(
@@ -245,6 +230,8 @@ def examine(
 
 def _p_values(values: dict[str, Floats]) -> tuple[dict[str, Floats], float]:
     """p-values (1 + n,) of statistics (1 + n,), and the limit for the smallest of them."""
+    if not values:
+        return {}, 0.0
     p_values = {name: _ranks(value) for name, value in values.items()}
     smallest = np.min(np.stack(list(p_values.values())), axis=0)
     return p_values, float(np.quantile(smallest[1:], FALSE_ALARM))

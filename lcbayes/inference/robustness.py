@@ -17,8 +17,8 @@ from lcbayes.core.jax_setup import jnp
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.data.observers import observers
 from lcbayes.data.segments import PASS, split
-from lcbayes.inference.alternatives import alternatives
-from lcbayes.inference.misfit_tests import STEP, Projection, names_of
+from lcbayes.inference.alternatives import alternatives, names_of
+from lcbayes.inference.misfit_tests import STEP, Projection
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem, compiled
 from lcbayes.modelling.variables import label, reported

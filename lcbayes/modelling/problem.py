@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpyro.distributions as dist
 from jax.flatten_util import ravel_pytree
-from jax.interpreters.partial_eval import dce_jaxpr
 from numpy.typing import NDArray
 from numpyro import handlers
 from numpyro.distributions import biject_to
@@ -24,6 +23,7 @@ from lcbayes.modelling.likelihood import FLUX, OBSERVED, Contaminated, Law
 from lcbayes.modelling.nuisances import drawn_jointly, zero_point_response
 from lcbayes.modelling.nutation import RESPONSE
 from lcbayes.modelling.priors import UniformDirection
+from lcbayes.modelling.sites import reaching, sites_and_supports, zeros
 
 Sites = dict[str, jax.Array]
 Coordinates = Mapping[str, Transform] | Mapping[str | tuple[str, ...], Transform]
@@ -89,7 +89,7 @@ class Problem:
         coordinates: Coordinates | None = None,
     ) -> None:
         self.model = model
-        trace = self.trace({}, data)
+        trace, supports = sites_and_supports(partial(self.trace, {}), data)
         latent = {k: v for k, v in trace.items() if v["type"] == "sample" and not v["is_observed"]}
         observed = trace.get(OBSERVED)
         if observed is None or not observed.get("is_observed"):
@@ -102,16 +102,18 @@ class Problem:
                 f"the model's site {OBSERVED!r} is a {type(observed['fn']).__name__}; "
                 "expected Normal or StudentT"
             )
-        for name, site in latent.items():
-            if site["fn"].support.is_discrete:
+        for name, support in supports.items():
+            if support.is_discrete:
                 raise InputError(f"the model's site {name!r} is discrete; marginalise it out")
         self._transforms: dict[tuple[str, ...], Transform] = {}
-        self._transforms |= {(k,): biject_to(v["fn"].support) for k, v in latent.items()}
+        self._transforms |= {(k,): biject_to(support) for k, support in supports.items()}
         for given, transform in (coordinates or {}).items():
             names = (given,) if isinstance(given, str) else given
             self._transforms = {k: v for k, v in self._transforms.items() if k[0] not in names}
             self._transforms[names] = transform
-        template = self._free({k: v["value"] for k, v in latent.items()})
+        template = zeros(
+            jax.eval_shape(self._free, zeros({k: v["value"] for k, v in latent.items()}))
+        )
         flat, self.unravel = ravel_pytree(template)
         self.dim = int(flat.size)
         self.law: Law = _law(_base(observed["fn"]))
@@ -127,18 +129,18 @@ class Problem:
             for k, end in zip(self.names, ends, strict=True)
         }
         self._gaussian = [k for k in self.names if isinstance(_base(latent[k]["fn"]), dist.Normal)]
-        moving = _reaching(lambda free: self._flux(free, data), template)
-        turning = _reaching(lambda free: self._turned(free, data), template)
+        moving = reaching(lambda free: self._flux(free, data), template)
+        turning = reaching(lambda free: self._turned(free, data), template)
         facets = [(k,) for k in moving if k not in turning]
         self._turning = tuple(k for k in moving if k in turning)
         self._body = [g for g in (*facets, self._turning) if g]
-        widths = _reaching(
+        widths = reaching(
             lambda free: self._conditions(data, {}, free, self._flux(free, data)).sd, template
         )
         self._knows_errors = not widths
         # the sites on which the data depend other than through the flux
-        held, flux = _response(trace), trace[FLUX]["value"]
-        self._direct = _reaching(lambda free: self._conditions(data, held, free, flux), template)
+        held, flux = zeros(_response(trace)), zeros(trace[FLUX]["value"])
+        self._direct = reaching(lambda free: self._conditions(data, held, free, flux), template)
         moved = self.rows(k for group in self._body for k in group)
         self._still = np.setdiff1d(np.arange(self.dim), moved)
         self._body_order = np.argsort(np.concatenate([self._still, moved]))
@@ -460,13 +462,6 @@ def _law(fn: Any) -> Law:
 
 def _is_direction(site: dict[str, Any]) -> bool:
     return isinstance(_base(site["fn"]), UniformDirection)
-
-
-def _reaching(f: Callable[[Sites], Any], sites: Sites) -> tuple[str, ...]:
-    """The sites that f depends on."""
-    leaves = jax.make_jaxpr(f)(sites)
-    _, used = dce_jaxpr(leaves.jaxpr, [True] * len(leaves.jaxpr.outvars))
-    return tuple(k for k, u in zip(sorted(sites), used, strict=True) if u)
 
 
 def _response(trace: dict[str, Any]) -> Sites:

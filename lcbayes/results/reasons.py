@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -289,7 +290,7 @@ def name_of_test(name: str) -> str:
     return TESTS[code].format(about=about) if code in TESTS else name
 
 
-def cause(explanation: Explanation) -> str:
+def cause(explanation: Explanation | SimpleNamespace) -> str:
     """An alternative that explains a misfit, in words."""
     amount, sd = explanation.amount, explanation.sd
     digits = max(0, 1 - int(np.floor(np.log10(sd)))) if 0 < sd < np.inf else 3
@@ -358,25 +359,44 @@ def p_words(p_value: float, upper_limit: bool) -> str:
     return f"< {np.ceil(p_value / unit) * unit:.1g}"
 
 
-def agreement(weights: Sequence[float], tested: bool = True) -> str:
-    """The first sentence about a trusted fit.
+def agreement(weights: Sequence[float], fit: Mapping[str, Any]) -> str:
+    """The first sentences about a trusted fit.
 
     Parameters
     ----------
     weights : weights of its solutions
-    tested : whether the errors of the data are known, so that the misfit could be tested
+    fit : ``fit`` of its ``summary.json``
     """
-    if len(weights) == 1:
-        if not tested:
-            return (
-                "One solution fits the data; the chains agree on it. Its misfit is not tested, "
-                "because the noise is inferred."
-            )
-        return "One solution explains the data; the chains agree on it."
-    if max(weights) > 0.99:
-        return "One solution holds nearly all the weight; the chains of each agree."
+    tested = fit.get("chi2") is not None
     verb = "explain" if tested else "fit"
-    return f"{len(weights)} solutions {verb} the data; the chains of each agree."
+    if len(weights) == 1:
+        first = f"One solution {verb}s the data; the chains agree on it."
+    elif max(weights) > 0.99:
+        first = "One solution holds nearly all the weight; the chains of each agree."
+    else:
+        first = f"{len(weights)} solutions {verb} the data; the chains of each agree."
+    return first if tested else f"{first} {_pattern(fit)}"
+
+
+def _pattern(fit: Mapping[str, Any]) -> str:
+    """Whether the residuals of a fit with an inferred noise are more than noise."""
+    tests = [one for one in fit.get("tests", ()) if one["name"] != "chi2"]
+    if not tests:
+        return "Its misfit is not tested, because the noise is inferred."
+    worst, limit = min(tests, key=lambda one: one["p_value"]), fit["p_limit"]
+    if worst["p_value"] >= limit:
+        return "The size of the noise is inferred; the residuals show no pattern."
+    p = p_words(worst["p_value"], worst["upper_limit"])
+    said = (
+        "The size of the noise is inferred, and the residuals show a pattern beside it (p "
+        f"{p} for {name_of_test(worst['name'])}, limit {limit:.2g})"
+    )
+    named = [one for one in fit.get("alternatives", ()) if one["p_value"] < limit]
+    best = max(named, key=lambda one: one["gain"], default=None)
+    if best is not None:
+        guess = "a rough guess" if best["rough"] else "a possible explanation"
+        said += f"; {guess}: {cause(SimpleNamespace(**{'about': '', 'version': ''} | best))}"
+    return f"{said}."
 
 
 FAULTS = {

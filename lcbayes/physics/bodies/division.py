@@ -95,7 +95,8 @@ def unshadowed(panels: Panels, surfaces: Mapping[str, Surface], sun: Floats, obs
             filled = np.concatenate([block, np.repeat(block[-1:], _BLOCK - len(block))])
             areas = np.where(np.arange(_BLOCK) < len(block), panels.areas[filled], 0.0)
             args = (sun, obs, panels.normals[filled], areas, panels.u_axes[filled])
-            total += np.asarray(_flux(law, dict(parameters), *map(jnp.asarray, args)))
+            with jax.ensure_compile_time_eval():  # a number, also while a model is traced
+                total += np.asarray(_flux(law, dict(parameters), *map(jnp.asarray, args)))
     return total
 
 

@@ -142,8 +142,7 @@ class Fit(Result[FitContent]):
         """Each solution: weight, residuals, mean, standard deviation and 90 % intervals."""
         content = self.content
         weights = [m["weight"] for m in content["modes"]]
-        tested = content["fit"]["chi2"] is not None
-        first = [agreement(weights, tested)] if self.trusted else []
+        first = [agreement(weights, content["fit"])] if self.trusted else []
         unit = content["fit"]["rms_unit"]
         lines = [*first, "(mean ± standard deviation, and the interval that holds 90 %)"]
         for i, mode in enumerate(content["modes"], 1):

@@ -21,9 +21,9 @@ from lcbayes.analysis import (
     tables,
 )
 from lcbayes.analysis.numerals import duration, show
-from lcbayes.geometry.times import date
 from lcbayes.cli.main import main
 from lcbayes.core.errors import InputError
+from lcbayes.geometry.times import date
 from tests.helpers import results_folders
 
 

@@ -13,9 +13,9 @@ import pytest
 
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.inference import correlation, misfit_tests, robustness, search
-from lcbayes.inference.alternatives import alternatives
+from lcbayes.inference.alternatives import alternatives, names_of
 from lcbayes.inference.goodness_of_fit import measure
-from lcbayes.inference.misfit_tests import Projection, examine, names_of
+from lcbayes.inference.misfit_tests import Projection, examine
 from lcbayes.inference.solutions import completed, optimum
 from lcbayes.modelling import likelihood, registry
 from lcbayes.modelling.epochs import Epochs

@@ -1,0 +1,95 @@
+"""Residuals of asteroids: a late curve is named, and relative curves have a phase law.
+
+The curves are those of an ellipsoid by a simulator without any code of the package.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import lcbayes
+from benchmarks import _asteroids as asteroids
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.inference.misfit_tests import Examination, examine
+from lcbayes.inference.solutions import optimum
+from lcbayes.modelling import registry
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.problem import Problem
+from lcbayes.models import convex_grid
+from lcbayes.results.reasons import agreement
+from lcbayes.results.summary import _examined
+
+LATE_MIN, LATE = 20.0, 3  # the times of the fourth curve
+
+
+@pytest.fixture(scope="module")
+def case() -> asteroids.Case:
+    """Six nights of some six years, of 50 points of 1 % each."""
+    return asteroids.draw_case("ellipsoid", 2)
+
+
+def examined(case: asteroids.Case, folder, **changes: bool) -> tuple[Examination, Epochs]:
+    """The residuals of the best fit about the true pole and period."""
+    asteroids.write(case, folder / "asteroid.lcs")
+    curve = lcbayes.read(folder / "asteroid.lcs")
+    options = {"period": case.period_h, "degree": 4, "n_facets": 100, "n_quadrature": 300}
+    data = replace(Epochs.of(curve), **changes)
+    problem = Problem(registry.find("convex-grid").bind(options), data)
+    (sphere, *_) = convex_grid.starts(data, jax.random.key(0), degree=4)
+    middle = {"pole_base": jnp.asarray(case.pole)[None], "period_shift": jnp.zeros(())}
+    start = np.asarray(problem.ravel(sphere | middle))
+    z, _ = optimum(problem, data, start, np.arange(problem.dim))
+    return examine(problem, z, data, curve), data
+
+
+def test_curves_on_time_show_no_pattern(case, tmp_path):
+    found, _ = examined(case, tmp_path)
+    assert not found.refused
+    said = agreement([1.0], {"chi2": None} | _examined(found))
+    assert said.endswith("The size of the noise is inferred; the residuals show no pattern.")
+
+
+def test_a_late_curve_is_named_with_its_amount(case, tmp_path):
+    late = case.t + np.where(case.curve == LATE, LATE_MIN / 1440.0, 0.0)
+    found, data = examined(replace(case, t=late), tmp_path)
+    assert not data.has_error
+    assert "chi2" not in {test.name for test in found.tests}  # of an inferred noise, it is n
+    cause = found.cause
+    assert cause is not None
+    assert cause.name == "late-curve"
+    assert cause.version == f"curve {LATE + 1} (2005-06-05)"
+    assert cause.amount == pytest.approx(-LATE_MIN, abs=3.0 * cause.sd)
+    assert cause.sd < 0.25 * LATE_MIN
+    said = agreement([1.0], {"chi2": None} | _examined(found))
+    assert f"the times of {cause.version} are" in said
+    assert said.endswith("min too late.")
+    assert cause.rough == ("a rough guess" in said)
+
+
+def sparse(case: asteroids.Case, slope: float) -> asteroids.Case:
+    """Two curves of points at all phase angles, which fade by mag/deg."""
+    phase = np.arccos(np.sum(asteroids.unit(case.sun) * asteroids.unit(case.earth), axis=1))
+    faded = 10.0 ** (-0.4 * slope * np.degrees(phase))
+    return replace(case, flux=case.flux * faded, curve=np.tile(np.arange(2), case.t.size // 2))
+
+
+@pytest.mark.slow
+def test_a_relative_curve_that_covers_phase_angles_has_a_phase_law(case, tmp_path):
+    found, data = examined(sparse(case, 0.035), tmp_path)
+    assert data.phased
+    assert not found.refused
+    without, _ = examined(sparse(case, 0.01), tmp_path, phased=False)
+    slope = next(one for one in without.explanations if one.name == "phase-slope")
+    assert slope.p_value < without.limit
+    assert slope.amount == pytest.approx(np.degrees(0.01), rel=0.2)
+
+
+def test_curves_of_one_night_have_no_phase_law(case, tmp_path):
+    asteroids.write(case, tmp_path / "asteroid.lcs")
+    data = Epochs.of(lcbayes.read(tmp_path / "asteroid.lcs"))
+    assert not data.phased
+    problem = Problem(registry.find("convex-grid").bind({"period": case.period_h}), data)
+    assert "phase_k" not in problem.names
