@@ -194,7 +194,7 @@ def _diagnostics(stack: Floats) -> Floats:
         if stack.shape[1] > 1:
             figures[0, moving] = arviz.rhat(some, **axes)
         figures[1, moving] = arviz.ess(some, method="bulk", **axes)
-        figures[2, moving] = arviz.ess(some, method="tail", **axes)
+        figures[2, moving] = arviz.ess(some, method="tail", prob=(0.05, 0.95), **axes)
     return figures
 
 

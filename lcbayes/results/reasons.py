@@ -388,7 +388,7 @@ def _pattern(fit: Mapping[str, Any]) -> str:
         return "The size of the noise is inferred; the residuals show no pattern."
     p = p_words(worst["p_value"], worst["upper_limit"])
     said = (
-        "The size of the noise is inferred, and the residuals show a pattern beside it (p "
+        "The size of the noise is inferred; the residuals show a pattern (p "
         f"{p} for {name_of_test(worst['name'])}, limit {limit:.2g})"
     )
     named = [one for one in fit.get("alternatives", ()) if one["p_value"] < limit]
