@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from jax.core import Tracer
 from jax.interpreters.partial_eval import dce_jaxpr
 
 from lcbayes.core.jax_setup import jax
@@ -30,7 +31,7 @@ def sites_and_supports(trace: Callable[[Epochs], Trace], data: Epochs) -> tuple[
             if site["type"] == "sample" and not site["is_observed"]:
                 supports[name] = jax.tree.flatten(site["fn"].support)
         return {
-            name: {i: x for i, x in enumerate(leaves) if isinstance(x, jax.core.Tracer)}
+            name: {i: x for i, x in enumerate(leaves) if isinstance(x, Tracer)}
             for name, (leaves, _) in supports.items()
         }
 
