@@ -123,7 +123,7 @@ def alternatives(
     if spin > 0.0:
         candidates += _drift(problem, z, data, spin)
         candidates += [] if kinds else _nutation(problem, z, data, sites)
-    if "period_h" in sites:
+    if "period_h" in sites and not kinds:
         candidates += _late_curve(problem, z, data, names["curves"], float(sites["period_h"]))
     if {"sun_body", "normals"} <= sites.keys() and not kinds:
         candidates += [*_lobes(sites), *_further_facet(sites), *_notches(sites)]

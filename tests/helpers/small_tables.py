@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-# A pass over Rhodes, for which `object.tle` and `SITE` are correct; its directions in the sky.
+# The pass over Rhodes, for which `object.tle` and `SITE` of `mistakes.py` are correct.
 PLACES = (
     ("2026-04-15T19:53:00Z", 90.074, 12.285, 1800.7),
     ("2026-04-15T19:53:20Z", 87.057, 15.979, 1821.9),

@@ -195,7 +195,7 @@ class Predictor:
         Raises
         ------
         InputError
-            The two curves are not compatible.
+            The two curves are not compatible, or the fit is of an earlier version of the model.
         """
         if (fitted.range_km is None) != (wanted.range_km is None):
             raise InputError(
@@ -216,6 +216,11 @@ class Predictor:
         problem = Problem(registry.find(model).bind(options), data)
         count = posterior.sizes["chain"] * posterior.sizes["draw"]
         pick = np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
+        if missing := [k for k in problem.names if k not in posterior]:
+            raise InputError(
+                f"the fit lacks {', '.join(missing)}, which the model has for this light curve in "
+                "this version of lcbayes; fit again"
+            )
         names = [*problem.names, *({AMOUNTS} & set(posterior))]
         sites = {k: posterior[k].values for k in names}
         sites = {k: v.reshape(count, *v.shape[2:])[pick] for k, v in sites.items()}

@@ -197,6 +197,12 @@ def test_what_does_not_fit_together_is_refused(light, draws, change, says):
         predicted(draws, light, replace(light, **change), "faceted", ONE)
 
 
+def test_a_fit_of_an_earlier_model_is_refused(light, draws):
+    (name, *_) = small_curves.posterior(light, **ONE)[0].names
+    with pytest.raises(InputError, match=f"the fit lacks {name}, which the model has .*fit again"):
+        predicted(draws.drop_vars(name), light, light, "faceted", ONE)
+
+
 def test_a_folder_without_a_fit(tmp_path):
     with pytest.raises(InputError, match=r"holds no posterior\.nc; give the folder"):
         load_fit(tmp_path)
