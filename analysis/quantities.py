@@ -310,5 +310,5 @@ def key_results(results: Results, mode: Mode) -> list[Quantity]:
     """The rows of the short table at the top: spin, surface and noise."""
     rows = spin(results, mode)
     shown = ("lambert_c", "phase_a", "phase_d", "phase_k", "sigma")
-    rows += [q for q in quantities(results, mode) if q.name in shown]
+    rows += [q for q in quantities(results, mode) if q.name.split("[")[0] in shown]
     return rows

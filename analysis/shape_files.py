@@ -94,7 +94,8 @@ def model_of_fit(results: Results, mode: Mode) -> DamitModel | None:
     middle = float(epoch) + 0.5 * results.span_s / DAY_S
     pole = mean_pole(draws)
     spin = SpinState.of_pole(pole, float(draws["period_h"].mean()), middle)
-    law = {k: float(draws[f"phase_{k}"].mean()) for k in "adk" if f"phase_{k}" in draws}
+    laws = {k: draws[f"phase_{k}"] for k in "adk" if f"phase_{k}" in draws}
+    law = {k: float(x.isel(phase_law=0, missing_dims="ignore").mean()) for k, x in laws.items()}
     return DamitModel(spin, Scattering(float(draws["lambert_c"].mean()), **law))
 
 

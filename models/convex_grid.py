@@ -79,12 +79,13 @@ def model(
 
     If all curves are relative, the size is not inferred: Σα = 8, as for a sphere with flux 1. With
     a calibrated curve the flux of a sphere with these areas at zero phase, F = Σα (1/8 + c/6), has
-    ln F ~ Normal(ln mean calibrated flux, 1). With it, or with a relative curve that covers more
-    than 5 degrees of phase angle, such as the points of a survey,
-    S = a exp(−phase/d) + k phase + 1 with ln a ~ Normal(ln 0.5, 0.5), ln d ~ Normal(ln 0.1, 0.5),
-    k ~ Normal(−0.5, 0.3), phase in rad; otherwise S = 1. The body's axes at the middle of the data
-    are `attitude.brought_to` of the pole. There is no rotational phase, because a rotation about
-    the pole is equivalent to a rotation of the areas on the grid.
+    ln F ~ Normal(ln mean calibrated flux, 1), and S = a exp(−phase/d) + k phase + 1 with
+    ln a ~ Normal(ln 0.5, 0.5), ln d ~ Normal(ln 0.1, 0.5), k ~ Normal(−0.5, 0.3), phase in rad.
+    Each relative curve that covers more than 5 degrees of phase angle, such as the points of a
+    survey, has an S of its own, since bands and reductions differ; see `phase_law`. Without such
+    curves S = 1. The body's axes at the middle of the data are `attitude.brought_to` of the pole.
+    There is no rotational phase, because a rotation about the pole is equivalent to a rotation of
+    the areas on the grid.
 
     Parameters
     ----------
@@ -124,7 +125,7 @@ def model(
     lambert = jnp.exp(numpyro.sample("log_lambert_c", dist.Normal(*LOG_LAMBERT)))
     numpyro.deterministic("lambert_c", lambert)
     size = calibration(data, lambert) if data.calibrated else 1.0
-    surface = phase_law(data) if data.calibrated or data.phased else 1.0
+    surface = phase_law(data) if n_phase_laws(data) else 1.0
     _, coarse, log_coarse = grid(n_facets, degree)
     reported = jax.nn.softmax(coarse @ coefficients + log_coarse)
     numpyro.deterministic("albedo_area", SPHERE * size * reported)
@@ -233,13 +234,29 @@ def calibration(data: Epochs, lambert: jax.Array) -> jax.Array:
     return flux / (1.0 + 4.0 * lambert / 3.0)
 
 
+def n_phase_laws(data: Epochs) -> int:
+    """Phase laws M of a light curve: one for all calibrated curves, one for each in `phased`."""
+    return int(data.calibrated) + len(data.phased)
+
+
 def phase_law(data: Epochs) -> jax.Array:
-    """S of each epoch (T,), which only curves constrain that cover a range of phase angles."""
-    a = jnp.exp(numpyro.sample("log_phase_a", dist.Normal(np.log(0.5), 0.5)))
-    d = jnp.exp(numpyro.sample("log_phase_d", dist.Normal(np.log(0.1), 0.5)))
-    k = jnp.asarray(numpyro.sample("phase_k", dist.Normal(-0.5, 0.3)))
+    """S of each epoch (T,), which only curves constrain that cover a range of phase angles.
+
+    The parameters are vectors if there are several laws: of the calibrated curves, if there are
+    any, then of the relative ones with a law of their own, most points first. All other curves
+    have the first law.
+    """
+    count = n_phase_laws(data)
+    each = (count,) if count > 1 else ()
+    a = jnp.exp(numpyro.sample("log_phase_a", dist.Normal(np.log(0.5), 0.5).expand(each)))
+    d = jnp.exp(numpyro.sample("log_phase_d", dist.Normal(np.log(0.1), 0.5).expand(each)))
+    k = jnp.asarray(numpyro.sample("phase_k", dist.Normal(-0.5, 0.3).expand(each)))
     numpyro.deterministic("phase_a", a)
     numpyro.deterministic("phase_d", d)
+    if each:
+        law = np.zeros(data.n_members + 1, int)
+        law[list(data.phased)] = np.arange(count - len(data.phased), count)
+        a, d, k = (x[jnp.asarray(law)[data.member]] for x in (a, d, k))
     return photometry.phase_law(data.phase_angle, a, d, k)
 
 
@@ -254,9 +271,10 @@ def starts(data: Epochs, key, *, degree: int = 6, **options):  # noqa: ARG001
     }
     if data.calibrated:
         sphere |= {"log_sphere_flux": jnp.log(typical(data))}
-    if data.calibrated or data.phased:
-        sphere |= {"log_phase_a": jnp.log(0.5), "log_phase_d": jnp.log(0.1)}
-        sphere |= {"phase_k": jnp.array(-0.5)}
+    if count := n_phase_laws(data):
+        each = jnp.ones(count if count > 1 else ())
+        sphere |= {"log_phase_a": jnp.log(0.5) * each, "log_phase_d": jnp.log(0.1) * each}
+        sphere |= {"phase_k": -0.5 * each}
     return [
         sphere | {"pole_base": jnp.asarray(pole)[None], "period_shift": jnp.array(shift)}
         for pole in facets.grid(12)

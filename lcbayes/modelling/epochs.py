@@ -113,9 +113,9 @@ class Epochs:
     calibrated : bool
         Whether any group of the fitted curve has a known scale; kept for predictions like
         ``t_middle``.
-    phased : bool
-        Whether a group of unknown scale in the fitted curve covers `PHASES` of phase angle, over
-        which the brightness falls by what bodies of one shape and albedo do not.
+    phased : tuple of int
+        Groups of unknown scale in the fitted curve that cover `PHASES` of phase angle, over which
+        the brightness falls by what bodies of one shape and albedo do not. Most points first.
     has_passes : bool
         Whether the fitted curve has several groups, more passes than groups, and more points than
         passes. Pass effects can then be distinguished from the noise and from group effects.
@@ -165,7 +165,7 @@ class Epochs:
     n_segments: int = _static(1)
     n_nights: int = _static(1)
     calibrated: bool = _static(True)
-    phased: bool = _static(False)
+    phased: tuple[int, ...] = _static(())
     has_passes: bool = _static(False)
 
     @classmethod
@@ -271,10 +271,10 @@ class Epochs:
         )
 
 
-def _phased(curve: LightCurve) -> bool:
-    phase = curve.phase_angle
-    ranges = [np.ptp(phase[curve.curve == k]) for k in np.flatnonzero(curve.free_scale)]
-    return bool(np.max(ranges, initial=0.0) > PHASES)
+def _phased(curve: LightCurve) -> tuple[int, ...]:
+    phases = {k: curve.phase_angle[curve.curve == k] for k in np.flatnonzero(curve.free_scale)}
+    wide = [int(k) for k, angles in phases.items() if np.ptp(angles) > PHASES]
+    return tuple(sorted(wide, key=lambda k: -len(phases[k])))
 
 
 def _typical_step(curve: LightCurve) -> float:

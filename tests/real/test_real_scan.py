@@ -36,7 +36,8 @@ def test_hertha(data_dir):
     near = [s for s in result.solutions if s["near_equal"]]
     assert len(near) == 2
     one, other = sorted(near, key=lambda s: s.get("pole_lon_deg", np.nan))
-    assert off(other, 272.0, 52.0) < 5.0
+    assert off(other, 272.0, 52.2) < 5.0
+    assert result.solutions[0]["rms"] < 0.06  # 0.12 without the phase laws of these two
     assert off(one, 92.0, 55.0) < 5.0
     assert {s["relation"] for s in near} == {"best", "mirror"}
     assert other.get("period_h") == pytest.approx(8.400599, abs=1e-5)

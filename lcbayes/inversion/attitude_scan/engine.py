@@ -97,7 +97,10 @@ def run(
             "(--law all for the catalogue of stabilised attitudes)"
         )
     points = Points.of(
-        curve, phase_law_known=not settings.smooth, common_noise=settings.common_noise
+        curve,
+        phase_law_known=not settings.smooth,
+        common_noise=settings.common_noise,
+        phase_laws=settings.smooth and not settings.sparse and curve.frame == "ecliptic-j2000",
     )
     flux = relative(curve)
     scan = AttitudeScan(

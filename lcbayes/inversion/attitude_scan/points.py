@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.albedo_area.observed import ORDER, linear_flux
-from lcbayes.modelling.epochs import Epochs
+from lcbayes.inversion.attitude_scan.harmonics import phase_columns
+from lcbayes.modelling.epochs import PHASES, Epochs
 
 Floats = NDArray[np.float64]
 
@@ -32,8 +33,10 @@ class Points:
     flux, error : (T,)
         Relative.
     scale : (T, C)
-        One where a point belongs to a group with a common factor. Each curve of free scale is a
-        group; all calibrated curves form one group.
+        Functions whose unknown multiples are the factor of the brightness of the body. Each curve
+        of free scale has its own; all calibrated curves have those of one group. The first is one
+        in the group. A curve of an asteroid that covers more than `PHASES` of phase angle α and
+        has its own has also a phase law, 1, α and exp(−α/0.09).
     noise : (T, K)
         One where a point belongs to a group with a common noise level.
     span : s
@@ -56,7 +59,12 @@ class Points:
 
     @classmethod
     def of(
-        cls, curve: LightCurve, *, phase_law_known: bool = True, common_noise: bool = False
+        cls,
+        curve: LightCurve,
+        *,
+        phase_law_known: bool = True,
+        common_noise: bool = False,
+        phase_laws: bool = False,
     ) -> Points:
         """The points of a light curve.
 
@@ -66,6 +74,8 @@ class Points:
         phase_law_known : bool
             If False, the reflection law does not determine the dependence of the brightness on the
             phase angle, and each calibrated curve has its own scale.
+        phase_laws : bool
+            Whether curves of asteroids with their own scale have a phase law as well.
         common_noise : bool
             For unknown errors: one relative noise level for all points, not one per ``scale``.
         """
@@ -83,6 +93,9 @@ class Points:
         t = middle + 0.5 * offset[:, None] * np.asarray(data.exposure_s)
         # a group with a common scale must have one noise level, which the scale solution assumes
         noise = np.zeros_like(scale) if common_noise or data.has_error else scale
+        factors = _members(scale)
+        if phase_laws:
+            factors = np.concatenate([factors, _phase_laws(curve, own)], axis=1)
         return cls(
             jnp.asarray(t),
             jnp.asarray(instant),
@@ -90,7 +103,7 @@ class Points:
             data.obs,
             jnp.asarray(flux / unit),
             jnp.asarray(error / unit),
-            jnp.asarray(_members(scale)),
+            jnp.asarray(factors),
             jnp.asarray(_members(noise)),
             jnp.asarray(max(float(data.t_span), 1e-6)),
             data.has_error,
@@ -107,3 +120,20 @@ class Points:
 
 def _members(group: NDArray[np.integer]) -> Floats:
     return (group[:, None] == np.arange(group.max() + 1)).astype(float)
+
+
+def _phase_laws(curve: LightCurve, own: NDArray[np.bool_]) -> Floats:
+    """The phase laws of curves with their own scale, (T, 2M), orthogonal to it and to each other.
+
+    The span of 1, α and exp(−α/0.09) is what matters. Orthogonal functions of unit mean square keep
+    the equations of the factors well conditioned.
+    """
+    phase, columns = curve.phase_angle, [np.empty((curve.n_obs, 0))]
+    for k in np.flatnonzero(own):
+        rows = np.flatnonzero(curve.curve == k)
+        if np.ptp(phase[rows]) > PHASES:
+            terms = np.column_stack([np.ones(len(rows)), phase_columns(phase[rows])])
+            law = np.zeros((curve.n_obs, 2))
+            law[rows] = np.sqrt(len(rows)) * np.linalg.qr(terms)[0][:, 1:]
+            columns.append(law)
+    return np.concatenate(columns, axis=1)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
+from jax.scipy.linalg import solve_triangular
 
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.inversion.attitude_scan.points import Points
@@ -15,6 +16,7 @@ from lcbayes.physics.brightness import LAMBERT_C, diffuse_kernel
 
 _BLOCK = 1 << 14  # epochs x facets at once; the working set fits in a core's cache
 CLOSURE_SD = 0.01  # of Σ a n / Σ a
+RIDGE = 1e-12  # relative, in the equations of the factors
 PRIOR_POINTS = 2.0  # weight, in points, of the prior on an unknown noise level ...
 PRIOR_SQUARES = PRIOR_POINTS * 0.25**2  # ... at a quarter of the expected error, half a per cent
 
@@ -171,15 +173,23 @@ def _in_blocks(function, arrays, n_facets: int):
 
 
 def _scales(points: Points, flux: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """The best factor of the group of each point, (T,), and Σ m²/σ² of each group, (C,)."""
-    square = jnp.maximum(points.scale.T @ (flux / points.error) ** 2, 1e-300)
-    return points.scale @ (
-        (points.scale.T @ (flux * points.flux / points.error**2)) / square
-    ), square
+    """The best factor of each point, (T,), and a basis of all factors times m/σ, (T, C).
+
+    The columns of the basis are orthonormal, from the Cholesky factor of the normal equations.
+    """
+    rows = points.scale * (flux / points.error)[:, None]
+    square = rows.T @ rows
+    size = jnp.diag(square)
+    # A dark curve has no factor. The rest keeps the phase law of a curve of few points solvable.
+    square = square + jnp.diag(jnp.where(size > 0.0, RIDGE * size, 1.0))
+    root = jnp.linalg.cholesky(square)
+    basis = solve_triangular(root, rows.T, lower=True)
+    best = solve_triangular(root.T, basis @ (points.flux / points.error))
+    return points.scale @ best, basis.T
 
 
 def fitted(body: SmoothBody, points: Points, spin: Spin) -> jax.Array:
-    """Brightness with the best factor of each group, (T,)."""
+    """Brightness with the best factors, (T,)."""
     flux = brightness(body, points, spin).flux
     return _scales(points, flux)[0] * flux
 
@@ -204,13 +214,13 @@ def normal_equations(body: SmoothBody, points: Points, spin: Spin, unit: jax.Arr
 
     With known errors the misfit is ½ Σ r². Otherwise it is ½ Σ_k (n_k + 2) ln(S_k + 1/8), with
     S_k = Σ r² over a noise group in units of the expected error. This is the likelihood at the best
-    noise level, which gives a low weight to a curve with large residuals. The scales s of groups
-    follow from the other parameters, s = Σ f m/σ² / Σ m²/σ² (variable projection with Kaufman's
-    Jacobian, whose gradient is exact).
+    noise level, which gives a low weight to a curve with large residuals. The factors of curves,
+    with the phase laws of those that have one, follow from the other parameters by linear least
+    squares (variable projection with Kaufman's Jacobian, whose gradient is exact).
     """
     flux, jacobian = brightness(body, points, spin)
     jacobian = jacobian.at[:, 2].multiply(unit)
-    scale, square = _scales(points, flux)
+    scale, basis = _scales(points, flux)
     residual = (points.flux - scale * flux) / points.error
     squares = points.noise.T @ residual**2
     if points.error_known:
@@ -221,8 +231,7 @@ def normal_equations(body: SmoothBody, points: Points, spin: Spin, unit: jax.Arr
         weight = points.noise @ (count / (squares + PRIOR_SQUARES))
     root = jnp.sqrt(weight)
     rows = jacobian * (scale * root / points.error)[:, None]
-    # the part absorbed by the factor of a group; weight and factor are constant over a group
-    taken = (points.scale.T @ (rows * (flux / points.error)[:, None])) / jnp.sqrt(square)[:, None]
+    taken = basis.T @ rows  # absorbed by the factors; the weight is constant over a group
     gradient, curvature = -((root * residual) @ rows), rows.T @ rows - taken.T @ taken
 
     area = body.shares(spin.coefficients)

@@ -13,6 +13,7 @@ import pytest
 import lcbayes
 from benchmarks import _asteroids as asteroids
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.geometry.spherical import unit_vector
 from lcbayes.inference.misfit_tests import Examination, examine
 from lcbayes.inference.solutions import optimum
 from lcbayes.modelling import registry
@@ -31,7 +32,9 @@ def case() -> asteroids.Case:
     return asteroids.draw_case("ellipsoid", 2)
 
 
-def examined(case: asteroids.Case, folder, **changes: bool) -> tuple[Examination, Epochs]:
+def examined(
+    case: asteroids.Case, folder, **changes: tuple[int, ...]
+) -> tuple[Examination, Epochs]:
     """The residuals of the best fit about the true pole and period."""
     asteroids.write(case, folder / "asteroid.lcs")
     curve = lcbayes.read(folder / "asteroid.lcs")
@@ -69,27 +72,44 @@ def test_a_late_curve_is_named_with_its_amount(case, tmp_path):
     assert cause.rough == ("a rough guess" in said)
 
 
-def sparse(case: asteroids.Case, slope: float) -> asteroids.Case:
+def sparse(case: asteroids.Case, *slopes: float) -> asteroids.Case:
     """Two curves of points at all phase angles, which fade by mag/deg."""
     phase = np.arccos(np.sum(asteroids.unit(case.sun) * asteroids.unit(case.earth), axis=1))
-    faded = 10.0 ** (-0.4 * slope * np.degrees(phase))
-    return replace(case, flux=case.flux * faded, curve=np.tile(np.arange(2), case.t.size // 2))
+    curve = np.tile(np.arange(2), case.t.size // 2)
+    faded = 10.0 ** (-0.4 * np.array(slopes)[curve] * np.degrees(phase))
+    return replace(case, flux=case.flux * faded, curve=curve)
 
 
 @pytest.mark.slow
 def test_a_relative_curve_that_covers_phase_angles_has_a_phase_law(case, tmp_path):
-    found, data = examined(sparse(case, 0.035), tmp_path)
-    assert data.phased
+    found, data = examined(sparse(case, 0.035, 0.015), tmp_path)
+    assert data.phased == (0, 1)
     assert not found.refused
-    without, _ = examined(sparse(case, 0.01), tmp_path, phased=False)
+    without, _ = examined(sparse(case, 0.01, 0.01), tmp_path, phased=())
     slope = next(one for one in without.explanations if one.name == "phase-slope")
     assert slope.p_value < without.limit
     assert slope.amount == pytest.approx(np.degrees(0.01), rel=0.2)
 
 
+@pytest.mark.slow
+def test_a_scan_of_curves_that_cover_phase_angles_finds_the_pole(tmp_path):
+    """Two surveys of other slopes; without a phase law the residuals are 10 %."""
+    truth = asteroids.draw_case("ellipsoid", 4)
+    asteroids.write(sparse(truth, 0.035, 0.015), tmp_path / "asteroid.lcs")
+    curve = lcbayes.read(tmp_path / "asteroid.lcs")
+    found = lcbayes.scan(curve, period=truth.period_h, n_sky=0, n_poles=6)
+    poles = [
+        unit_vector(*np.radians([one["pole_lon_deg"], one["pole_lat_deg"]]))
+        for one in found.solutions
+        if one["near_equal"]
+    ]
+    assert found.solutions[0]["rms"] < 0.011  # simulated with 0.01
+    assert min(np.degrees(np.arccos(pole @ truth.pole)) for pole in poles) < 3.0
+
+
 def test_curves_of_one_night_have_no_phase_law(case, tmp_path):
     asteroids.write(case, tmp_path / "asteroid.lcs")
     data = Epochs.of(lcbayes.read(tmp_path / "asteroid.lcs"))
-    assert not data.phased
+    assert data.phased == ()
     problem = Problem(registry.find("convex-grid").bind({"period": case.period_h}), data)
     assert "phase_k" not in problem.names

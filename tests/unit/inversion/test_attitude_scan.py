@@ -66,7 +66,9 @@ def curve():
     return spinning_bodies.geometry(4, 9)
 
 
-def points_of(curve, *, known: bool = False, exposure_s: float = 0.0) -> Points:
+def points_of(
+    curve, *, known: bool = False, exposure_s: float = 0.0, phase_laws: bool = False
+) -> Points:
     rng = np.random.default_rng(2)
     n = curve.n_obs
     full = replace(
@@ -76,7 +78,11 @@ def points_of(curve, *, known: bool = False, exposure_s: float = 0.0) -> Points:
         error=rng.uniform(0.02, 0.05, n) if known else None,
         free_scale=np.array([True, False, False, True]),
     )
-    return Points.of(full)
+    if phase_laws:  # the first and the last curve cover a range of phase angles
+        towards = full.obs + np.linspace(0.0, 1.5, n)[:, None] * np.array([0.0, 0.0, 1.0])
+        towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+        full = replace(full, obs=towards, curve=np.repeat(np.arange(4), [14, 4, 4, 14]))
+    return Points.of(full, phase_laws=phase_laws)
 
 
 @pytest.mark.parametrize(
@@ -111,11 +117,12 @@ def test_brightness_is_that_of_the_models(curve):
     np.testing.assert_allclose(brightness(body, points, spin).flux, expected, rtol=1e-11)
 
 
+@pytest.mark.parametrize("phase_laws", [True, False])
 @pytest.mark.parametrize("known", [True, False])
-def test_gradient_is_that_of_automatic_differentiation(curve, known):
+def test_gradient_is_that_of_automatic_differentiation(curve, known, phase_laws):
     body, points, spin = (
         SmoothBody.of(80, 3, spinning_bodies.LAW),
-        points_of(curve, known=known),
+        points_of(curve, known=known, phase_laws=phase_laws),
         a_spin(),
     )
     unit = jnp.asarray(UNIT)
@@ -128,10 +135,33 @@ def test_gradient_is_that_of_automatic_differentiation(curve, known):
     np.testing.assert_allclose(result, expected, rtol=1e-9, atol=1e-9 * float(np.abs(result).max()))
 
 
-def test_curvature_is_exact_where_nothing_is_left(curve):
+def test_factors_are_those_of_linear_least_squares(curve):
+    """Against NumPy, with the functions written out; a dark curve has none."""
+    body, points = SmoothBody.of(80, 3, spinning_bodies.LAW), points_of(curve, phase_laws=True)
+    spin = a_spin()
+    flux = np.asarray(brightness(body, points, spin).flux)
+    angle = np.arccos(np.sum(np.asarray(points.sun) * np.asarray(points.obs), axis=1))
+    found, error = np.asarray(fitted(body, points, spin)), np.asarray(points.error)
+    for rows, phased in ((slice(0, 14), True), (slice(14, 22), False), (slice(22, 36), True)):
+        functions = (
+            [np.ones_like(angle), angle, np.exp(-angle / 0.09)] if phased else [1.0 + 0 * angle]
+        )
+        columns = np.stack(functions, axis=1)[rows] * flux[rows, None]
+        factors = np.linalg.lstsq(
+            columns / error[rows, None], np.asarray(points.flux)[rows] / error[rows], rcond=None
+        )[0]
+        np.testing.assert_allclose(found[rows], columns @ factors, rtol=1e-8)
+    assert points.scale.shape == (36, 7)
+    unseen = replace(points, obs=points.obs.at[:14].set(-points.sun[:14]))
+    assert np.all(np.isfinite(fitted(body, unseen, spin)))
+
+
+@pytest.mark.parametrize("phase_laws", [True, False])
+def test_curvature_is_exact_where_nothing_is_left(curve, phase_laws):
     """Where residuals vanish Gauss and Newton's matrix is the Hessian, scales solved for."""
     body = SmoothBody.of(80, 3, "lambertian", closed=False, roughness=1e6)
-    points, spin, unit = points_of(curve, known=True), a_spin(), jnp.asarray(UNIT)
+    points = points_of(curve, known=True, phase_laws=phase_laws)
+    spin, unit = a_spin(), jnp.asarray(UNIT)
     points = points.with_flux(np.asarray(fitted(body, points, spin)))
 
     def at(step):  # another test holds the gradient itself

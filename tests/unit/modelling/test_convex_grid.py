@@ -5,6 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from numpyro import handlers
 from scipy.spatial.transform import Rotation
 
 from lcbayes.core.jax_setup import jax, jnp
@@ -196,6 +197,42 @@ def test_calibrated_curves_bring_size_and_phase_law():
     dark = sites | {"log_phase_a": jnp.array(-60.0), "phase_k": jnp.array(0.0)}
     ratio = built.flux(sites, data) / built.flux(dark, data)
     np.testing.assert_allclose(ratio, s, rtol=1e-12)
+
+
+def two_surveys() -> LightCurve:
+    """Relative curves: one night, a survey of few points, and one of more."""
+    curve = observed()
+    n = curve.n_obs
+    group = np.repeat([0, 1, 2], [n // 4, n // 4, n - 2 * (n // 4)])
+    bent = np.where(group > 0, np.linspace(0.0, 0.8, n), 0.0)[:, None]
+    obs = curve.obs + bent * np.cross(curve.obs, [0.0, 0.0, 1.0])
+    obs /= np.linalg.norm(obs, axis=1, keepdims=True)
+    sun = np.where(group[:, None] > 0, curve.sun, curve.sun[0])
+    obs = np.where(group[:, None] > 0, obs, obs[0])
+    names = ("night", "few", "many")
+    return replace(
+        curve, sun=sun, obs=obs, curve=group, curve_names=names, free_scale=np.ones(3, bool)
+    )
+
+
+def test_each_relative_curve_over_phase_angles_has_its_own_phase_law():
+    curve = two_surveys()
+    built, data = problem(curve)
+    assert data.phased == (2, 1)  # more points first
+    a, d, k = np.array([0.6, 0.4]), np.array([0.05, 0.1]), np.array([-0.7, -0.2])
+    law = {"log_phase_a": jnp.log(a), "log_phase_d": jnp.log(d), "phase_k": jnp.asarray(k)}
+    dark = {"log_phase_a": jnp.full(2, -60.0), "phase_k": jnp.zeros(2)}
+    sites = start(data)
+    assert sites["phase_k"].shape == (2,)
+    angle = np.arccos(np.clip(np.sum(curve.sun * curve.obs, axis=1), -1.0, 1.0))
+    which = np.array([0, 1, 0])[curve.curve]  # a night has the law of the first
+    expected = a[which] * np.exp(-angle / d[which]) + k[which] * angle + 1.0
+    ratio = built.flux(sites | law, data) / built.flux(sites | dark, data)
+    np.testing.assert_allclose(ratio, expected, rtol=1e-7)
+    few = curve.curve == 1  # alone, at epochs that are predicted
+    with handlers.substitute(data=law):
+        alone = convex_grid.phase_law(Epochs.of(curve.select(few), curve))
+    np.testing.assert_allclose(alone, expected[few], rtol=1e-7)
 
 
 @pytest.mark.parametrize("c", [1e-6, 0.1, 0.8])
