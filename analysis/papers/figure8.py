@@ -37,7 +37,8 @@ CHAINS, TRANSITIONS, PARTICLES, RUNS = 3, 200, 80, 2
 
 
 def problem_of(n_facets: int, data: Epochs, **options: float) -> Problem:
-    return Problem(ENTRY.bind({"n_facets": n_facets, "spin": "none", **options}), data)
+    fixed = {"spin": "none", "zero_point_sd": 0.0}  # nights have one zero point in the paper
+    return Problem(ENTRY.bind({"n_facets": n_facets, **fixed, **options}), data)
 
 
 def glossy(problem: Problem, data: Epochs, z: np.ndarray, panel: np.ndarray) -> None:

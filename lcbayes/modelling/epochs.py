@@ -272,8 +272,9 @@ class Epochs:
 
 
 def _phased(curve: LightCurve) -> tuple[int, ...]:
-    phases = {k: curve.phase_angle[curve.curve == k] for k in np.flatnonzero(curve.free_scale)}
-    wide = [int(k) for k, angles in phases.items() if np.ptp(angles) > PHASES]
+    free = np.flatnonzero(curve.free_scale).tolist()
+    phases = {k: curve.phase_angle[curve.curve == k] for k in free}
+    wide = [k for k in free if np.ptp(phases[k]) > PHASES]
     return tuple(sorted(wide, key=lambda k: -len(phases[k])))
 
 

@@ -128,7 +128,8 @@ def _phase_laws(curve: LightCurve, own: NDArray[np.bool_]) -> Floats:
     The span of 1, α and exp(−α/0.09) is what matters. Orthogonal functions of unit mean square keep
     the equations of the factors well conditioned.
     """
-    phase, columns = curve.phase_angle, [np.empty((curve.n_obs, 0))]
+    phase = curve.phase_angle
+    columns: list[Floats] = [np.empty((curve.n_obs, 0))]
     for k in np.flatnonzero(own):
         rows = np.flatnonzero(curve.curve == k)
         if np.ptp(phase[rows]) > PHASES:

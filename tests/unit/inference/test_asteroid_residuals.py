@@ -99,7 +99,7 @@ def test_a_scan_of_curves_that_cover_phase_angles_finds_the_pole(tmp_path):
     curve = lcbayes.read(tmp_path / "asteroid.lcs")
     found = lcbayes.scan(curve, period=truth.period_h, n_sky=0, n_poles=6)
     poles = [
-        unit_vector(*np.radians([one["pole_lon_deg"], one["pole_lat_deg"]]))
+        unit_vector(*np.radians([one.get("pole_lon_deg", np.nan), one.get("pole_lat_deg", np.nan)]))
         for one in found.solutions
         if one["near_equal"]
     ]
