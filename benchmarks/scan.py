@@ -206,7 +206,8 @@ def hertha() -> None:
         print(rows[-1], flush=True)
     text = (
         "`lcbayes scan 135_Hertha.lcs --period 8.4006`, 12 blind poles, a noise level for each "
-        f"curve (two are sparse, with ten times the scatter of the others); {took:.0f} s with "
+        "curve; two are sparse, with ten times the scatter of the others, and each have a phase "
+        f"law; {took:.0f} s with "
         "compilation and the map of the sky. Goal: within 5° of (272, +52), its mirror reported "
         "(published 88 to 96, +53 to +58).\n\n"
     )

@@ -96,12 +96,7 @@ def run(
             "nothing to try: give --period HOURS, --period-range FROM,TO or --law NAME "
             "(--law all for the catalogue of stabilised attitudes)"
         )
-    points = Points.of(
-        curve,
-        phase_law_known=not settings.smooth,
-        common_noise=settings.common_noise,
-        phase_laws=settings.smooth and not settings.sparse and curve.frame == "ecliptic-j2000",
-    )
+    points = _points(curve, settings)
     flux = relative(curve)
     scan = AttitudeScan(
         settings,
@@ -241,6 +236,16 @@ def refined(
     for body, spin in zip(bodies, spins, strict=True):
         scan.solutions.append(replace(body, probability=spin.probability))
     return points, ends
+
+
+def _points(curve: LightCurve, settings: Settings) -> Points:
+    asteroid = settings.smooth and curve.frame == "ecliptic-j2000"
+    return Points.of(
+        curve,
+        phase_law_known=not settings.smooth,
+        common_noise=settings.common_noise,
+        phase_laws=asteroid and not settings.sparse,
+    )
 
 
 def _coarse(settings: Settings, closed: bool = True) -> SmoothBody:

@@ -34,9 +34,9 @@ class Points:
         Relative.
     scale : (T, C)
         Functions whose unknown multiples are the factor of the brightness of the body. Each curve
-        of free scale has its own; all calibrated curves have those of one group. The first is one
-        in the group. A curve of an asteroid that covers more than `PHASES` of phase angle α and
-        has its own has also a phase law, 1, α and exp(−α/0.09).
+        of free scale has its own, and all calibrated curves have one in common: 1 in the curve and
+        0 elsewhere. After these come the phase laws of curves of asteroids that have their own
+        factor and cover more than `PHASES` of phase angle α: they add α and exp(−α/0.09).
     noise : (T, K)
         One where a point belongs to a group with a common noise level.
     span : s
@@ -74,10 +74,10 @@ class Points:
         phase_law_known : bool
             If False, the reflection law does not determine the dependence of the brightness on the
             phase angle, and each calibrated curve has its own scale.
-        phase_laws : bool
-            Whether curves of asteroids with their own scale have a phase law as well.
         common_noise : bool
-            For unknown errors: one relative noise level for all points, not one per ``scale``.
+            For unknown errors: one relative noise level for all points, not one per curve.
+        phase_laws : bool
+            Whether curves with their own scale that cover phase angles have a phase law as well.
         """
         data = Epochs.of(curve)
         flux, error = linear_flux(curve, data)
