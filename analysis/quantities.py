@@ -310,5 +310,8 @@ def key_results(results: Results, mode: Mode) -> list[Quantity]:
     """The rows of the short table at the top: spin, surface and noise."""
     rows = spin(results, mode)
     shown = ("lambert_c", "phase_a", "phase_d", "phase_k", "sigma")
-    rows += [q for q in quantities(results, mode) if q.name.split("[")[0] in shown]
+    for q in quantities(results, mode):
+        name, *law = q.name.removesuffix("]").split("[")
+        if name in shown:
+            rows.append(replace(q, words=f"{q.words}, law {law[0]}") if law else q)
     return rows

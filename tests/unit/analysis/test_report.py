@@ -3,6 +3,7 @@ import re
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from types import SimpleNamespace
@@ -135,6 +136,18 @@ def test_solutions_are_side_by_side_and_not_averaged(faceted):
     tree.close()
     assert [name for name, _ in table["heads"]] == ["Solution 1", "Solution 2"]
     assert "62 %" in page(faceted).text
+
+
+def test_every_phase_law_is_in_the_short_table(asteroid):
+    results = contents.read(asteroid)
+    mode = results.modes[0]
+    two = mode.draws["phase_k"] + xr.DataArray([0.0, 0.3], dims="phase_law")
+    twice = replace(mode, draws=mode.draws.assign(phase_k=two))
+    rows = tables.key_table(results, [twice])["rows"]
+    shown = {r["name"]: r["cells"][0][0] for r in rows if "slope k" in r["name"]}
+    assert list(shown) == ["phase law: slope k, law 0", "phase law: slope k, law 1"]
+    means = [float(mean.replace("−", "-")) for mean in shown.values()]
+    np.testing.assert_allclose(means, [-0.5, -0.2], atol=0.01)
 
 
 def test_unknown_parameters_are_listed_and_angles_do_not_wrap(faceted):
