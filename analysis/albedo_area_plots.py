@@ -115,8 +115,8 @@ def _plain(axes: Any) -> None:
 
 
 def _circle(pole: Floats) -> Floats:
-    u = np.cross(pole, np.eye(3)[np.argmin(np.abs(pole))])
+    u = np.asarray(np.cross(pole, np.eye(3)[np.argmin(np.abs(pole))]), float)
     u /= np.linalg.norm(u)
-    v = np.cross(pole, u)
+    v = np.asarray(np.cross(pole, u), float)
     turn = np.linspace(0.0, 2.0 * np.pi, 361)[:, None]
     return np.cos(turn) * u + np.sin(turn) * v

@@ -105,7 +105,8 @@ def draw_energy(mode: Mode, gallery: Gallery) -> Image | None:
     figure = gallery.figure(5.4, 2.9)
     axes = figure.subplots()
     centred = (energy - energy.mean()).ravel()
-    edges = np.linspace(*np.quantile(np.concatenate([centred, change.ravel()]), (0.001, 0.999)), 50)
+    low, high = np.quantile(np.concatenate([centred, change.ravel()]), (0.001, 0.999))
+    edges = np.linspace(low, high, 50)
     for values, hue, label in (
         (centred, colour(0), "energy − its mean"),
         (change.ravel(), colour(1), "change from draw to draw"),

@@ -80,7 +80,7 @@ def quantised(values: Floats) -> dict[str, Any]:
 def _mode(
     results: Results,
     mode: Mode,
-    order: NDArray[np.int64],
+    order: NDArray[np.integer],
     power: float,
     shapes: list[shape_plots.Shape],
 ) -> dict[str, Any]:
@@ -148,7 +148,7 @@ def _periods(mode: Mode) -> list[float] | None:
 
 
 def _attitude(
-    mode: Mode, rows: NDArray[np.int64], results: Results, order: NDArray[np.int64]
+    mode: Mode, rows: NDArray[np.int64], results: Results, order: NDArray[np.integer]
 ) -> dict[str, Any] | None:
     """What gives the orientation of each draw: an angular velocity, a pole and a period, or, for a
     body that tumbles or obeys an attitude law, the directions to Sun and observer in its frame."""
@@ -173,7 +173,9 @@ def _attitude(
     return None
 
 
-def _by_law(results: Results, curve: LightCurve, order: NDArray[np.int64]) -> dict[str, Any] | None:
+def _by_law(
+    results: Results, curve: LightCurve, order: NDArray[np.integer]
+) -> dict[str, Any] | None:
     """Directions in the axes of the attitude law, the same for each draw, and the axes of facets
     that are fixed to others."""
     options = results.summary.get("model_options") or {}
@@ -223,7 +225,7 @@ def _constant_rate(mode: Mode, rows: NDArray[np.int64], results: Results) -> dic
 
 
 def _tumbling(
-    mode: Mode, rows: NDArray[np.int64], results: Results, order: NDArray[np.int64]
+    mode: Mode, rows: NDArray[np.int64], results: Results, order: NDArray[np.integer]
 ) -> dict[str, Any]:
     """Directions to Sun and observer in the frame of each draw, as 16-bit integers."""
     t = jnp.asarray(results.t)

@@ -14,7 +14,7 @@ from lcbayes.analysis.contents import Mode, Results
 from lcbayes.analysis.numerals import SUPERSCRIPT, duration
 from lcbayes.analysis.style import DATA, FAINT, Gallery, Image, colour
 from lcbayes.core.constants import HOUR_S
-from lcbayes.data.segments import Gap, split
+from lcbayes.data.segments import Gap, Rows, split
 from lcbayes.geometry.times import date
 from lcbayes.inversion.spin import periods
 from lcbayes.inversion.spin.candidates import within
@@ -38,7 +38,7 @@ BAND = (0.05, 0.25, 0.5, 0.75, 0.95)
 class Segment:
     """Points of one curve and site without a long gap, such as a night or a pass."""
 
-    points: NDArray[np.int64]
+    points: Rows
     curve: int
     site: str = ""
 
@@ -120,7 +120,7 @@ def plain_label(results: Results) -> tuple[str, float]:
     return re.sub(r"10\$\^\{.*?\}\$", f"10{digits}", text), power
 
 
-def runs(x: Floats) -> list[NDArray[np.int64]]:
+def runs(x: Floats) -> list[Rows]:
     """Runs of indices without a gap, over which a continuous band may be drawn."""
     return split(x, np.zeros(x.size, int), CONNECTED)
 

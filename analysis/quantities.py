@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -189,7 +190,7 @@ def _diagnostics(stack: Floats) -> Floats:
     moving = np.ptp(stack, axis=(1, 2)) > 0
     figures = np.full((3, len(stack)), np.nan)
     if moving.any() and stack.shape[2] >= 4:
-        axes = {"chain_axis": 1, "draw_axis": 2}
+        axes: dict[str, Any] = {"chain_axis": 1, "draw_axis": 2}
         some = stack[moving]
         if stack.shape[1] > 1:
             figures[0, moving] = arviz.rhat(some, **axes)
@@ -257,7 +258,7 @@ def spin(results: Results, mode: Mode) -> list[Quantity]:
     known = ("pole_lon_deg", "pole_lat_deg", "period_h")
     every = [q for q in quantities(results, mode) if q.name in known]
     if TUMBLING in mode.draws:
-        axes = dict(zip(known, axis_names(results.frame), strict=False))
+        axes: dict[str, str] = dict(zip(known, axis_names(results.frame), strict=False))
         axis = constant_axis(mode.draws)
         every = [replace(q, words=f"{axis}, {axes[q.name]}") for q in every]
     return listed + sorted(every, key=lambda q: known.index(q.name))

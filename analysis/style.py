@@ -23,7 +23,7 @@ _METADATA = re.compile(r"<metadata>.*?</metadata>")
 _DIGITS = re.compile(r"(?<![\d.])([1-9]\d*\.\d\d)\d+")
 INK, FAINT, DATA = "#222222", "#8a8f98", "#1b1b1b"
 
-RC: dict[str, Any] = {
+RC: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
     "font.size": 9.0,
     "axes.titlesize": 9.5,

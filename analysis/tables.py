@@ -125,7 +125,7 @@ def curve_table(results: Results) -> list[list[str]]:
     rows = []
     for part in segments(results):
         at = part.points
-        start, y = results.t[at[0]], results.brightness[at]
+        start, y = float(results.t[at[0]]), results.brightness[at]
         rms = inside = "–"
         if q is not None:
             rms = three(float(np.sqrt(np.mean((y - q[2, at]) ** 2))))

@@ -12,6 +12,7 @@ from __future__ import annotations
 import warnings
 from functools import partial
 from itertools import count
+from typing import Any
 
 import _script
 import many_chains
@@ -48,6 +49,7 @@ class Experiment:
 
     def run(self, exact: bool, step_size: float, num_steps: int, draws: int) -> Moments:
         """Moments from chains that start at draws from the posterior."""
+        scale: dict[str, Any] = {"proposal_scale": DELTA} if exact else {}
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # the published rule is biased
             kernel = AHMC(
@@ -57,7 +59,7 @@ class Experiment:
                 step_size=step_size,
                 num_steps=num_steps,
                 covariance=self.covariance,
-                **({"proposal_scale": DELTA} if exact else {}),
+                **scale,
             )
         # With a small step the chain is a random walk, with a burn-in of about 1/ε² transitions.
         burn = int(min(20 + 10 / (step_size * num_steps) ** 2, 1000))

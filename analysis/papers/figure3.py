@@ -39,6 +39,7 @@ def sample(data: Epochs, draws: int, seed: int) -> dict[str, Floats]:
         progress_bar=False,
     )
     mcmc.run(jax.random.key(seed), data)
+    assert mcmc.last_state is not None
     print(kernel.describe(mcmc.last_state))
     sites = mcmc.get_samples()
     return {k: np.asarray(sites[k])[:draws, 0] for k in ("albedo_area", "phi", "g")}

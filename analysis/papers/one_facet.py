@@ -150,21 +150,21 @@ class Quadrature:
         cls, data: Epochs, bounds: tuple[tuple[float, float], ...], shape: tuple[int, int, int]
     ) -> Quadrature:
         """The grid on a given box: ``bounds`` of log α, φ and g."""
-        axes = tuple(
+        log_areas, azimuths, heights = (
             low + (high - low) * (np.arange(n) + 0.5) / n
             for (low, high), n in zip(bounds, shape, strict=True)
         )
-        phi, g = np.meshgrid(axes[1], axes[2], indexing="ij")
+        phi, g = np.meshgrid(azimuths, heights, indexing="ij")
         first, second, visible = (
             np.asarray(x).reshape(phi.shape)
             for x in _sums(jnp.asarray(phi.ravel()), jnp.asarray(g.ravel()), data)
         )
-        log_alpha = axes[0][:, None, None]
+        log_alpha = log_areas[:, None, None]
         alpha = np.exp(log_alpha)
         log_density = alpha * first - 0.5 * alpha**2 * second
         log_density += visible - 0.5 * log_alpha**2
         log_density -= log_density.max()
-        return cls(axes, log_density)
+        return cls((log_areas, azimuths, heights), log_density)
 
     @classmethod
     def of(

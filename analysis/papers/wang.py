@@ -10,6 +10,8 @@ pair.
 
 from __future__ import annotations
 
+from typing import Any
+
 import _script
 import numpy as np
 from hinks import LAW, write_table
@@ -90,7 +92,9 @@ def ring() -> dict[str, float]:
         options={"xatol": 1e-5, "fatol": 1e-12},
     )
     span = SPECULAR_SUN - 8.0, SPECULAR_SUN - 0.5
-    below = minimize_scalar(lambda e: -value(np.array([e, 180.0])), bounds=span, method="bounded")
+    below: Any = minimize_scalar(
+        lambda e: -value(np.array([e, 180.0])), bounds=span, method="bounded"
+    )
     return {
         "elevation": float(optimum.x[0]),
         "azimuth": float(optimum.x[1]),
