@@ -216,10 +216,14 @@ class Predictor:
         problem = Problem(registry.find(model).bind(options), data)
         count = posterior.sizes["chain"] * posterior.sizes["draw"]
         pick = np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
-        if missing := [k for k in problem.names if k not in posterior]:
+        shapes = jax.eval_shape(problem.constrain, np.zeros(problem.dim), data)
+        needed = {k: shapes[k].shape for k in problem.names}
+        if other := [
+            k for k in needed if k not in posterior or posterior[k].shape[2:] != needed[k]
+        ]:
             raise InputError(
-                f"the fit lacks {', '.join(missing)}, which the model has for this light curve in "
-                "this version of lcbayes; fit again"
+                f"the fit has no {', '.join(other)} of the size that the model has for this light "
+                "curve in this version of lcbayes; fit again"
             )
         names = [*problem.names, *({AMOUNTS} & set(posterior))]
         sites = {k: posterior[k].values for k in names}

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from lcbayes.cli.main import main
 from lcbayes.core.errors import InputError
@@ -199,8 +200,10 @@ def test_what_does_not_fit_together_is_refused(light, draws, change, says):
 
 def test_a_fit_of_an_earlier_model_is_refused(light, draws):
     (name, *_) = small_curves.posterior(light, **ONE)[0].names
-    with pytest.raises(InputError, match=f"the fit lacks {name}, which the model has .*fit again"):
-        predicted(draws.drop_vars(name), light, light, "faceted", ONE)
+    two = xr.concat([draws[name], draws[name]], dim="another").transpose("chain", "draw", ...)
+    for earlier in (draws.drop_vars(name), draws.drop_vars(name).assign({name: two})):
+        with pytest.raises(InputError, match=f"the fit has no {name} of the size .*fit again"):
+            predicted(earlier, light, light, "faceted", ONE)
 
 
 def test_a_folder_without_a_fit(tmp_path):
