@@ -69,7 +69,7 @@ def best_observer(sun_deg: float) -> tuple[float, float]:
 def best_pair(start: tuple[float, float]) -> tuple[Floats, float]:
     """Elevations (deg) of Sun and observer with the largest diffuse observability, and its
     value."""
-    optimum = minimize(
+    optimum: Any = minimize(
         lambda e: -in_plane(*e),
         start,
         method="Nelder-Mead",
@@ -85,7 +85,7 @@ def ring() -> dict[str, float]:
     def value(e: Floats) -> float:
         return float(observability(sun, direction(e[0], e[1]), "specular"))
 
-    optimum = minimize(
+    optimum: Any = minimize(
         lambda e: -value(e),
         (SPECULAR_SUN + 3.0, 180.0),
         method="Nelder-Mead",
