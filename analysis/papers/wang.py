@@ -57,7 +57,7 @@ def in_plane(sun_deg: float, obs_deg: float) -> float:
 
 def best_observer(sun_deg: float) -> tuple[float, float]:
     """Elevation of the observer (deg) with the largest diffuse observability, and its value."""
-    optimum = minimize_scalar(
+    optimum: Any = minimize_scalar(
         lambda e: -in_plane(sun_deg, float(e)),
         bounds=(1.0, 90.0),
         method="bounded",
