@@ -129,7 +129,7 @@ def run(
     if not settings.sparse:  # those of the most probable period come first
         scan.solutions.sort(key=lambda s: s.chi2)
     best = scan.solutions[0]
-    scan.dof = max(curve.n_obs - best.n_fitted - points.scale.shape[1], 1)
+    scan.dof = max(curve.n_obs - best.n_fitted - points.n_factors, 1)
     if not points.error_known and best.coefficients is None:
         _rescaled(scan)
     relate(scan, Geometry.of(points))

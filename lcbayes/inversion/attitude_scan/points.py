@@ -14,6 +14,7 @@ from lcbayes.inversion.attitude_scan.harmonics import phase_columns
 from lcbayes.modelling.epochs import PHASES, Epochs
 
 Floats = NDArray[np.float64]
+FEWEST = 3  # points of a curve that a factor with a phase law would fit whatever they are
 
 
 @jax.tree_util.register_dataclass
@@ -33,10 +34,14 @@ class Points:
     flux, error : (T,)
         Relative.
     scale : (T, C)
-        Functions whose unknown multiples are the factor of the brightness of the body. Each curve
-        of free scale has its own, and all calibrated curves have one in common: 1 in the curve and
-        0 elsewhere. After these come the phase laws of curves of asteroids that have their own
-        factor and cover more than `PHASES` of phase angle α: they add α and exp(−α/0.09).
+        One where a point belongs to a group with a common factor. Each curve of free scale is a
+        group; all calibrated curves form one group.
+    phased : (T, M)
+        One where a point belongs to a curve whose factor depends on the phase angle: a curve of an
+        asteroid with its own factor that covers more than `PHASES`.
+    laws : (T, 2)
+        The functions of the phase angle that this factor contains besides a constant; zero for
+        other curves.
     noise : (T, K)
         One where a point belongs to a group with a common noise level.
     span : s
@@ -53,6 +58,8 @@ class Points:
     flux: jax.Array
     error: jax.Array
     scale: jax.Array
+    phased: jax.Array
+    laws: jax.Array
     noise: jax.Array
     span: jax.Array
     error_known: bool = field(default=True, metadata={"static": True})
@@ -93,9 +100,7 @@ class Points:
         t = middle + 0.5 * offset[:, None] * np.asarray(data.exposure_s)
         # a group with a common scale must have one noise level, which the scale solution assumes
         noise = np.zeros_like(scale) if common_noise or data.has_error else scale
-        factors = _members(scale)
-        if phase_laws:
-            factors = np.concatenate([factors, _phase_laws(curve, own)], axis=1)
+        phased, laws = _phase_laws(curve, own & phase_laws)
         return cls(
             jnp.asarray(t),
             jnp.asarray(instant),
@@ -103,11 +108,18 @@ class Points:
             data.obs,
             jnp.asarray(flux / unit),
             jnp.asarray(error / unit),
-            jnp.asarray(factors),
+            jnp.asarray(_members(scale)),
+            jnp.asarray(phased),
+            jnp.asarray(laws),
             jnp.asarray(_members(noise)),
             jnp.asarray(max(float(data.t_span), 1e-6)),
             data.has_error,
         )
+
+    @property
+    def n_factors(self) -> int:
+        """Unknown multiples in the factors of all curves."""
+        return self.scale.shape[1] + self.laws.shape[1] * self.phased.shape[1]
 
     def host(self) -> Points:
         """The same data as NumPy arrays, for transfer to other processes."""
@@ -122,19 +134,18 @@ def _members(group: NDArray[np.integer]) -> Floats:
     return (group[:, None] == np.arange(group.max() + 1)).astype(float)
 
 
-def _phase_laws(curve: LightCurve, own: NDArray[np.bool_]) -> Floats:
-    """The phase laws of curves with their own scale, (T, 2M), orthogonal to it and to each other.
+def _phase_laws(curve: LightCurve, own: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+    """`Points.phased` and `Points.laws`, for the curves that may have their ``own`` phase law.
 
-    The span of 1, α and exp(−α/0.09) is what matters. Orthogonal functions of unit mean square keep
-    the equations of the factors well conditioned.
+    Their factors are combinations of 1, α and exp(−α/0.09), with α the phase angle. These are
+    orthogonalised, because α and exp(−α/0.09) are nearly proportional far from opposition.
     """
-    phase = curve.phase_angle
-    columns: list[Floats] = [np.empty((curve.n_obs, 0))]
-    for k in np.flatnonzero(own):
-        rows = np.flatnonzero(curve.curve == k)
-        if np.ptp(phase[rows]) > PHASES:
-            terms = np.column_stack([np.ones(len(rows)), phase_columns(phase[rows])])
-            law = np.zeros((curve.n_obs, 2))
-            law[rows] = np.sqrt(len(rows)) * np.linalg.qr(terms)[0][:, 1:]
-            columns.append(law)
-    return np.concatenate(columns, axis=1)
+    phase, laws = curve.phase_angle, np.zeros((curve.n_obs, 2))
+    members = [np.flatnonzero(curve.curve == k) for k in np.flatnonzero(own)]
+    wide = [rows for rows in members if len(rows) > FEWEST and np.ptp(phase[rows]) > PHASES]
+    phased = np.zeros((curve.n_obs, len(wide)))
+    for k, rows in enumerate(wide):
+        phased[rows, k] = 1.0
+        terms = np.column_stack([np.ones(len(rows)), phase_columns(phase[rows])])
+        laws[rows] = np.linalg.qr(terms)[0][:, 1:]
+    return phased, laws

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from jax.scipy.linalg import solve_triangular
 
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.inversion.attitude_scan.points import Points
@@ -16,7 +15,7 @@ from lcbayes.physics.brightness import LAMBERT_C, diffuse_kernel
 
 _BLOCK = 1 << 14  # epochs x facets at once; the working set fits in a core's cache
 CLOSURE_SD = 0.01  # of Σ a n / Σ a
-RIDGE = 1e-12  # relative, in the equations of the factors
+DEPENDENT = 1e-12  # share of a square below which a function is a multiple of others
 PRIOR_POINTS = 2.0  # weight, in points, of the prior on an unknown noise level ...
 PRIOR_SQUARES = PRIOR_POINTS * 0.25**2  # ... at a quarter of the expected error, half a per cent
 
@@ -172,26 +171,52 @@ def _in_blocks(function, arrays, n_facets: int):
     return tuple(x.reshape(blocks * size, -1)[:count] for x in done)
 
 
-def _scales(points: Points, flux: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """The best factor of each point, (T,), and a basis of all factors times m/σ, (T, C).
+class Factors(NamedTuple):
+    """The best factors of the brightness m of a body, by linear least squares.
 
-    The columns of the basis are orthonormal, from the Cholesky factor of the normal equations.
+    best : (T,)
+        The factor of each point.
+    functions : (T,) each
+        Orthonormal functions m/σ times 1 and, for curves that have a phase law, its two terms.
+    members : (T, C) each
+        The groups in which they are orthonormal.
     """
-    rows = points.scale * (flux / points.error)[:, None]
-    square = rows.T @ rows
-    size = jnp.diag(square)
-    # A dark curve has no factor. The rest keeps the phase law of a curve of few points solvable.
-    square = square + jnp.diag(jnp.where(size > 0.0, RIDGE * size, 1.0))
-    root = jnp.linalg.cholesky(square)
-    basis = solve_triangular(root, rows.T, lower=True)
-    best = solve_triangular(root.T, basis @ (points.flux / points.error))
-    return points.scale @ best, basis.T
+
+    best: jax.Array
+    functions: list[jax.Array]
+    members: list[jax.Array]
+
+    def parts(self, rows: jax.Array) -> jax.Array:
+        """The coefficients of the functions in rows (T, D), of every group, (C + 2M, D)."""
+        pairs = zip(self.functions, self.members, strict=True)
+        return jnp.concatenate([of.T @ (f[:, None] * rows) for f, of in pairs])
+
+
+def _factors(points: Points, flux: jax.Array) -> Factors:
+    """Gram and Schmidt's procedure in all curves at once."""
+    unit, best = flux / points.error, jnp.zeros_like(points.flux)
+    laws = [*points.laws.T] if points.phased.shape[1] else []
+    multiples, functions, members = [], [], []
+    for multiple, of in ((jnp.ones_like(flux), points.scale), *((x, points.phased) for x in laws)):
+        size = of.T @ (multiple * unit) ** 2
+        for other, orthonormal in zip(multiples, functions, strict=True):
+            multiple = multiple - other * (of @ (of.T @ (orthonormal * multiple * unit)))
+        square = of.T @ (multiple * unit) ** 2
+        # Nothing is left in a dark curve, or where one point alone is bright.
+        left = square > DEPENDENT * size
+        multiple = multiple * (of @ jnp.where(left, jnp.where(left, square, 1.0) ** -0.5, 0.0))
+        function = multiple * unit
+        best = best + multiple * (of @ (of.T @ (function * points.flux / points.error)))
+        multiples.append(multiple)
+        functions.append(function)
+        members.append(of)
+    return Factors(best, functions, members)
 
 
 def fitted(body: SmoothBody, points: Points, spin: Spin) -> jax.Array:
     """Brightness with the best factors, (T,)."""
     flux = brightness(body, points, spin).flux
-    return _scales(points, flux)[0] * flux
+    return _factors(points, flux).best * flux
 
 
 class Normal(NamedTuple):
@@ -220,8 +245,8 @@ def normal_equations(body: SmoothBody, points: Points, spin: Spin, unit: jax.Arr
     """
     flux, jacobian = brightness(body, points, spin)
     jacobian = jacobian.at[:, 2].multiply(unit)
-    scale, basis = _scales(points, flux)
-    residual = (points.flux - scale * flux) / points.error
+    factors = _factors(points, flux)
+    residual = (points.flux - factors.best * flux) / points.error
     squares = points.noise.T @ residual**2
     if points.error_known:
         value, weight = 0.5 * jnp.sum(squares), jnp.ones_like(residual)
@@ -230,8 +255,8 @@ def normal_equations(body: SmoothBody, points: Points, spin: Spin, unit: jax.Arr
         value = 0.5 * jnp.sum(count * jnp.log(squares + PRIOR_SQUARES))
         weight = points.noise @ (count / (squares + PRIOR_SQUARES))
     root = jnp.sqrt(weight)
-    rows = jacobian * (scale * root / points.error)[:, None]
-    taken = basis.T @ rows  # absorbed by the factors; the weight is constant over a group
+    rows = jacobian * (factors.best * root / points.error)[:, None]
+    taken = factors.parts(rows)  # absorbed by the factors; the weight is constant over a group
     gradient, curvature = -((root * residual) @ rows), rows.T @ rows - taken.T @ taken
 
     area = body.shares(spin.coefficients)

@@ -151,7 +151,7 @@ def test_factors_are_those_of_linear_least_squares(curve):
             columns / error[rows, None], np.asarray(points.flux)[rows] / error[rows], rcond=None
         )[0]
         np.testing.assert_allclose(found[rows], columns @ factors, rtol=1e-8)
-    assert points.scale.shape == (36, 7)
+    assert points.n_factors == 7
     unseen = replace(points, obs=points.obs.at[:14].set(-points.sun[:14]))
     assert np.all(np.isfinite(fitted(body, unseen, spin)))
 
