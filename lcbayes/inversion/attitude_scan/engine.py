@@ -239,12 +239,11 @@ def refined(
 
 
 def _points(curve: LightCurve, settings: Settings) -> Points:
-    asteroid = settings.smooth and curve.frame == "ecliptic-j2000"
     return Points.of(
         curve,
         phase_law_known=not settings.smooth,
         common_noise=settings.common_noise,
-        phase_laws=asteroid and not settings.sparse,
+        phase_laws=settings.smooth and curve.frame == "ecliptic-j2000",
     )
 
 
