@@ -12,7 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from lcbayes.core.errors import InputError
-from lcbayes.data.lightcurve import LightCurve
+from lcbayes.data.lightcurve import LightCurve, curve_titles
 from lcbayes.results.draws import DARK, LOG_LIKELIHOOD, pointwise, weighted_draws
 from lcbayes.results.light_curve import load_light_curve
 from lcbayes.results.load import open_posterior, read_json
@@ -146,6 +146,10 @@ def assemble(folder: Path, tree: xr.DataTree, summary: dict[str, Any], toml: str
         "error": np.full(size, np.nan),
         "curve": np.zeros(size, int),
     } | {k: constant[k].to_numpy() for k in ("error", "curve") if k in constant}
+    labels = {k: constant[k].to_numpy().astype(str) for k in ("site", "band") if k in constant}
+    if "curve_name" in constant:
+        titles = curve_titles(constant["curve_name"].to_numpy().astype(str))
+        labels["curve"] = np.array(titles)[constant_or["curve"].astype(int)]
     return Results(
         folder=folder,
         attrs=attrs,
@@ -160,7 +164,7 @@ def assemble(folder: Path, tree: xr.DataTree, summary: dict[str, Any], toml: str
         predicted=predicted,
         log_likelihood=log_likelihood,
         light_curve=load_light_curve(tree) if attrs.get("model") == STABILISED else None,
-        labels={k: constant[k].to_numpy().astype(str) for k in ("site", "band") if k in constant},
+        labels=labels,
     )
 
 

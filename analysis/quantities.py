@@ -314,5 +314,6 @@ def key_results(results: Results, mode: Mode) -> list[Quantity]:
     for q in quantities(results, mode):
         name, *law = q.name.removesuffix("]").split("[")
         if name in shown:
-            rows.append(replace(q, words=f"{q.words}, law {law[0]}") if law else q)
+            laws = mode.draws["phase_law"].to_numpy() if law else ()
+            rows.append(replace(q, words=f"{q.words}, {laws[int(law[0])]}") if law else q)
     return rows

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -210,6 +210,11 @@ class LightCurve:
         return len(self.curve_names)
 
     @property
+    def curve_titles(self) -> tuple[str, ...]:
+        """Each group as pages and messages name it; unnamed groups are numbered from 1."""
+        return curve_titles(self.curve_names)
+
+    @property
     def geometry_only(self) -> bool:
         """Whether the brightness is unknown throughout, i.e. the epochs are for prediction."""
         return bool(np.isnan(self.brightness).all())
@@ -306,6 +311,12 @@ _RANGES = "give distances in km, greater than 0"
 _EXPOSURES = "give exposure times in seconds, 0 where unknown"
 _UNIT = "divide each by its length"
 _SORT = "sort the rows of each curve by time"
+
+
+def curve_titles(names: Sequence[str]) -> tuple[str, ...]:
+    """Titles of groups from their names, which are numbers from 0 if the file has none."""
+    unnamed = tuple(names) == tuple(map(str, range(len(names))))
+    return tuple(f"curve {k + 1 if unnamed else name}" for k, name in enumerate(names))
 
 
 def _one_of(name: str, value: object, allowed: tuple[str, ...]) -> None:

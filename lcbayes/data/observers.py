@@ -160,7 +160,7 @@ def _nights(series: Index, needed: Index) -> list[int]:
 
 def _name(curve: LightCurve, seen_by: Observers, row: int, night: int) -> str:
     parts = [
-        f"curve {curve.curve_names[curve.curve[row]]}" if curve.n_curves > 1 else "",
+        curve.curve_titles[curve.curve[row]] if curve.n_curves > 1 else "",
         seen_by.names[seen_by.index[row]],
         f"night {night}" if night else "",
     ]

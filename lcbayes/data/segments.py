@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lcbayes.core.constants import DAY_S
 from lcbayes.data.lightcurve import LightCurve
 
 Rows = NDArray[np.integer]
@@ -43,6 +44,7 @@ class Gap:
 
 PASS = Gap(600.0)  # a pass in a low orbit, independent of the sampling
 NIGHT = Gap(600.0, 50.0, 6 * 3600.0)  # densely sampled data for the search for periods and glints
+APPARITION = Gap(60.0 * DAY_S)  # of an asteroid, which the Sun hides for longer
 MIN_POINTS = 30  # of a segment for the search for periods and glints
 
 

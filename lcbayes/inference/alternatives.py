@@ -18,7 +18,7 @@ from lcbayes.core.constants import DAY_S, HOUR_S
 from lcbayes.core.jax_setup import jnp
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.data.observers import calibrations, observers
-from lcbayes.data.segments import PASS, split
+from lcbayes.data.segments import APPARITION, PASS, split
 from lcbayes.geometry.times import date
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import FLUX
@@ -87,17 +87,32 @@ def names_of(curve: LightCurve) -> dict[str, tuple[str, ...]]:
         "observers": seen_by.names,
         "calibrations": calibrations(curve, seen_by).names,
         "curves": _curves(curve),
+        "apparitions": _dated_apparitions(curve),
     }
 
 
 def _curves(curve: LightCurve) -> tuple[str, ...]:
-    """Each curve by its number and the date of its first point, as on a page."""
+    """Each curve with the date of its first point."""
     names = []
-    for k in range(curve.n_curves):
+    for k, title in enumerate(curve.curve_titles):
         first = float(curve.t[curve.curve == k].min())
         dated = curve.epoch_jd and f" ({date(curve.epoch_jd + first / DAY_S)})"
-        names.append(f"curve {k + 1}{dated or ''}")
+        names.append(f"{title}{dated or ''}")
     return tuple(names)
+
+
+def _dated_apparitions(curve: LightCurve) -> tuple[str, ...]:
+    """Each apparition of each curve by its first and last day, in the order of `split`."""
+    names = _curves(curve)
+    labels = []
+    for rows in split(curve.t, curve.curve, APPARITION):
+        first, last = (float(curve.t[rows[i]]) / DAY_S for i in (0, -1))
+        if curve.epoch_jd is not None:
+            when = f"{date(curve.epoch_jd + first)} to {date(curve.epoch_jd + last)}"
+        else:
+            when = f"days {first:.0f} to {last:.0f}"
+        labels.append(f"{names[curve.curve[rows[0]]]} from {when}")
+    return tuple(labels)
 
 
 def alternatives(
@@ -112,7 +127,7 @@ def alternatives(
     Parameters
     ----------
     names : mapping
-        Names of the ``observers``, ``calibrations`` and ``curves`` of the data.
+        From `names_of`.
     kinds : tuple of str
         Only these names of alternatives; all by default.
     """
@@ -125,6 +140,7 @@ def alternatives(
         candidates += [] if kinds else _nutation(problem, z, data, sites)
     if "period_h" in sites and not kinds:
         candidates += _late_curve(problem, z, data, names["curves"], float(sites["period_h"]))
+        candidates += _apparitions(flux, data, names["apparitions"])
     if {"sun_body", "normals"} <= sites.keys() and not kinds:
         candidates += [*_lobes(sites), *_further_facet(sites), *_notches(sites)]
         candidates += _laws(flux, sites)
@@ -208,6 +224,21 @@ def _late_curve(
         columns = np.where(here, 60.0 * _by_time(problem, z, data, moving=True), 0.0)
         reach = LINEAR_TURN * period_h * HOUR_S / (2.0 * np.pi * 60.0)
         yield Alternative("late-curve", "", "min", columns[:, None], names, reach=reach)
+
+
+def _apparitions(flux: Floats, data: Epochs, names: tuple[str, ...]) -> Iterator[Alternative]:
+    """One curve is fainter by an amount in mag in one of its apparitions: each in turn."""
+    t, curve = np.asarray(data.t), np.asarray(data.curve)
+    columns, labels = [], []
+    for rows, name in zip(split(t, curve, APPARITION), names, strict=True):
+        if 1 < rows.size < np.sum(curve == curve[rows[0]]):
+            here = np.isin(np.arange(t.size), rows)
+            columns.append(np.where(here, -0.4 * np.log(10.0) * flux, 0.0)[None])
+            labels.append(name)
+    if columns:
+        yield Alternative(
+            "faint-apparition", "", "mag", np.array(columns), tuple(labels), reach=LINEAR_MAG
+        )
 
 
 def _drift(problem: Problem, z: Floats, data: Epochs, spin: float) -> Iterator[Alternative]:

@@ -21,7 +21,7 @@ from scipy.special import ndtri_exp
 from lcbayes.core.jax_setup import jnp
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.data.observers import observers
-from lcbayes.data.segments import PASS, split
+from lcbayes.data.segments import APPARITION, PASS, split
 from lcbayes.inference.alternatives import Alternative, alternatives, names_of
 from lcbayes.inference.correlation import autocorrelation
 from lcbayes.modelling.epochs import Epochs
@@ -360,6 +360,10 @@ def _statistics(
         )
     if len(passes) > 1:
         statistics["pass"] = _means(passes)
+    if "period_h" in sites:
+        apparitions = split(curve.t, curve.curve, APPARITION)
+        if curve.n_curves < len(apparitions) < len(passes):
+            statistics["apparition"] = _means(apparitions)
     phase = curve.phase_angle
     if np.ptp(phase) > 0.02:
         x = 2.0 * (phase - phase.min()) / np.ptp(phase) - 1.0

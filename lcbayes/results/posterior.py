@@ -162,6 +162,7 @@ def tree(
     z = np.concatenate([m.z[:, :length] for m in modes])
     rng = np.random.default_rng([seed, 3])
     apart = [dataset(drawn(constrain_draws(problem, m.z, data), rng)) for m in modes]
+    apart = [_with_phase_laws(one, curve, data) for one in apart]
     chains = _chains(modes)
     whole = _stacked(apart, length).assign_coords(chains)
     point = {"time": np.arange(curve.n_obs)}
@@ -192,6 +193,14 @@ def tree(
             groups[f"modes/{i}/curves"] = curves
     _add_units(groups, curve)
     return xr.DataTree.from_dict(groups | {"/": xr.Dataset(attrs=light_curve_attributes(curve))})
+
+
+def _with_phase_laws(draws: xr.Dataset, curve: LightCurve, data: Epochs) -> xr.Dataset:
+    """The draws with the curves that each of several phase laws belongs to as a coordinate."""
+    if "phase_law" not in draws.dims:
+        return draws
+    laws = ["calibrated curves"] if data.calibrated else []
+    return draws.assign_coords(phase_law=laws + [curve.curve_titles[k] for k in data.phased])
 
 
 def _add_units(groups: Mapping[str, xr.Dataset], curve: LightCurve) -> None:

@@ -249,6 +249,8 @@ CAUSES = {
     "clock": "the times of {about} are {size} s too {late}",
     "late-pass": "the times of {about} are {size} s too {late}",
     "late-curve": "the times of {version} are {size} min too {late}",
+    "faint-apparition": "{version} is {size} mag {fainter} than in other apparitions: make it a "
+    "curve of its own",
     "rate-drift": "the rate of rotation {grows} by {size} % over the light curve",
     "nutation": "the body nutates by {size} deg (rms), at {version}: give nutation_ratio",
     "lobe": "{about} has a weak lobe of {version}, {size} times as bright at its peak as the "
@@ -263,6 +265,7 @@ TESTS = {
     "chi2": "χ²",
     "site": "the mean residuals of the sites",
     "pass": "the mean residuals of the passes",
+    "apparition": "the mean residuals of the apparitions",
     "phase angle": "the residuals against the phase angle",
     "rotational phase": "the residuals against the rotational phase",
     "autocorrelation": "the autocorrelation of the residuals",
@@ -272,6 +275,7 @@ TESTS = {
     "clock": "the clock of {about}",
     "late-pass": "the clock in {about}",
     "late-curve": "the times of one curve",
+    "faint-apparition": "the zero point of one apparition",
     "rate-drift": "a drift of the rate of rotation",
     "nutation": "nutation",
     "lobe": "a weak lobe of {about}",

@@ -245,9 +245,9 @@ def check_curve(curve: LightCurve) -> None:
 def _check_level(curve: LightCurve) -> None:
     """Raise an InputError if the fluxes have no level that can serve as a unit."""
     near = 1.0 if curve.range_km is None else curve.range_km**2
-    for i, name in enumerate(curve.curve_names):
+    for i, title in enumerate(curve.curve_titles):
         here = curve.curve == i
-        which = "the curve" if curve.n_curves == 1 else f"the curve {name}"
+        which = "the curve" if curve.n_curves == 1 else title
         if curve.free_scale[i] and not np.mean((curve.brightness * near)[here]) > 0:
             raise InputError(
                 f"the mean flux of {which} is not positive, so that a scale cannot be found; leave "

@@ -141,11 +141,12 @@ def test_solutions_are_side_by_side_and_not_averaged(faceted):
 def test_every_phase_law_is_in_the_short_table(asteroid):
     results = contents.read(asteroid)
     mode = results.modes[0]
-    two = mode.draws["phase_k"] + xr.DataArray([0.0, 0.3], dims="phase_law")
+    curves = {"phase_law": ["curve 7", "curve 8"]}
+    two = mode.draws["phase_k"] + xr.DataArray([0.0, 0.3], curves)
     twice = replace(mode, draws=mode.draws.assign(phase_k=two))
     rows = tables.key_table(results, [twice])["rows"]
     shown = {r["name"]: r["cells"][0][0] for r in rows if "slope k" in r["name"]}
-    assert list(shown) == ["phase law: slope k, law 0", "phase law: slope k, law 1"]
+    assert list(shown) == ["phase law: slope k, curve 7", "phase law: slope k, curve 8"]
     means = [float(mean.replace("−", "-")) for mean in shown.values()]
     np.testing.assert_allclose(means, [-0.5, -0.2], atol=0.01)
 

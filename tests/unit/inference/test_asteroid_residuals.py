@@ -91,6 +91,25 @@ def test_a_relative_curve_that_covers_phase_angles_has_a_phase_law(case, tmp_pat
     assert slope.amount == pytest.approx(np.degrees(0.01), rel=0.2)
 
 
+def test_an_apparition_of_another_zero_point_is_named(case, tmp_path):
+    """The second of two surveys is fainter by 0.1 mag in its second apparition."""
+    two = sparse(case, 0.0, 0.0)
+    year = np.floor((two.t - two.t.min()) / 365.25).astype(int)
+    jumps = np.where((two.curve == 1) & (year == 1), 0.1, 0.0)
+    found, _ = examined(replace(two, flux=two.flux * 10.0 ** (-0.4 * jumps)), tmp_path)
+    assert "apparition" in {test.name for test in found.refused}
+    cause = found.cause
+    assert cause is not None
+    assert cause.name == "faint-apparition"
+    assert cause.version == "curve 2 (2001-09-04) from 2002-10-15 to 2002-10-15"
+    assert cause.amount == pytest.approx(0.1, abs=3.0 * cause.sd)
+    assert cause.sd < 0.02
+    said = agreement([1.0], {"chi2": None} | _examined(found))
+    assert "mag fainter than in other apparitions" in said
+    even, _ = examined(two, tmp_path)
+    assert not even.refused
+
+
 @pytest.mark.slow
 def test_a_scan_of_curves_that_cover_phase_angles_finds_the_pole(tmp_path):
     """Two surveys of other slopes; without a phase law the residuals are 10 %."""
