@@ -46,10 +46,20 @@ def pytest_collection_finish() -> None:
 def full_optimisation() -> Iterator[None]:
     """Programs as a user's also in the quick run: for modules that run theirs for longer than XLA
     takes to optimise them."""
+    yield from _less_optimised(False)
+
+
+@pytest.fixture
+def quick_compilation() -> Iterator[None]:
+    """Programs as in the quick run also with `make test-all`: for tests whose time is compilation."""
+    yield from _less_optimised(True)
+
+
+def _less_optimised(wanted: bool) -> Iterator[None]:
     from lcbayes.core.jax_setup import jax
 
     before = jax.config.read("jax_disable_most_optimizations")
-    jax.config.update("jax_disable_most_optimizations", False)
+    jax.config.update("jax_disable_most_optimizations", wanted)
     yield
     jax.config.update("jax_disable_most_optimizations", before)
 

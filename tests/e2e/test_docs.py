@@ -23,6 +23,7 @@ from tests.helpers.documentation_blocks import PAGES, ROOT, Block
 # Added to the commands of the pages, so that they end soon; the pages say what a user would give.
 SHORT_RUN = {"num_warmup": 50, "num_samples": 50, "num_chains": 2, "num_starts": 4, "max_modes": 1}
 SHORT_RUN_FLAGS = [f"--{k.replace('_', '-')}={v}" for k, v in SHORT_RUN.items()]
+SMALL_ASTEROID = ["--set=degree=2", "--set=n_quadrature=120"]
 SOONER = {
     "fit": SHORT_RUN_FLAGS,
     "batch": [*SHORT_RUN_FLAGS, "--workers=1"],
@@ -101,7 +102,8 @@ def test_no_page_writes_two_kinds_of_result_into_one_folder():
 
 def run_command(page: str, words: list[str]) -> None:
     sooner = SOONER.get(words[0], []) if "--config" not in words else []
-    status = main.main([*words, *sooner])
+    small = SMALL_ASTEROID if words[0] == "fit" and "convex-grid" in words else []
+    status = main.main([*words, *sooner, *small])
     assert status in (0, 3), f"{page}: lcbayes {' '.join(words)}"
 
 
@@ -120,6 +122,7 @@ def test_the_quickstart_can_be_pasted(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("quick_compilation")
 @pytest.mark.parametrize("page", dict.fromkeys(b.page for b in SHELL if commands(b.page)))
 def test_commands_of_a_page_run(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -191,7 +194,7 @@ TRIED_ABOVE = {"README.md", "docs/models.md"}
 CHEAP = {"docs/attitude-laws.md"}
 
 
-@pytest.mark.usefixtures("short_runs")
+@pytest.mark.usefixtures("short_runs", "quick_compilation")
 @pytest.mark.parametrize(
     "page",
     [
@@ -207,7 +210,7 @@ def test_python_of_a_page_runs(page, tmp_path, monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.real
-@pytest.mark.usefixtures("short_runs")
+@pytest.mark.usefixtures("short_runs", "quick_compilation")
 @pytest.mark.parametrize("page", OBSERVED)
 def test_a_page_about_real_observations_runs(page, data_dir, tmp_path, monkeypatch):
     """Commands and Python in the order of the page, in one folder."""
