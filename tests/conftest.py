@@ -51,7 +51,7 @@ def full_optimisation() -> Iterator[None]:
 
 @pytest.fixture
 def quick_compilation() -> Iterator[None]:
-    """Programs as in the quick run also with `make test-all`: for tests whose time is compilation."""
+    """Programs as in the quick run also with `make test-all`, for tests that mostly compile."""
     yield from _less_optimised(True)
 
 
