@@ -24,10 +24,12 @@ class Panel:
     chords, negative : (C, 2, 2), (G, 2, 2)
         Ends of positive and negative chords.
     inside : (C, 2) bool
-        Whether each end lies in the 90 % band of the outlines.
+        Whether each end lies in the 90 % band of the limb.
     middle : (2,)
     angle, radii : (A,), (3, A)
-        Outline about ``middle`` at 5, 50 and 95 %.
+        Outline of the convex bodies about ``middle`` at 5, 50 and 95 %.
+    limb : (2, A)
+        Limb at 5 and 95 %, with relief over the convex bodies.
     """
 
     title: str
@@ -37,6 +39,7 @@ class Panel:
     middle: Floats
     angle: Floats
     radii: Floats
+    limb: Floats
 
 
 def draw_outlines(panels: Sequence[Sequence[Panel]], gallery: Gallery) -> None:
@@ -57,8 +60,9 @@ def draw_outlines(panels: Sequence[Sequence[Panel]], gallery: Gallery) -> None:
                 _draw(one, panel)
             alt = "Outlines of the posterior over the chords of the occultation."
             caption = (
-                "Chords (lines) and outlines from light curves, 90 % band and median. Only size "
-                "and place are fitted to the chords. Ends in orange lie outside the band; dashed "
+                "Chords (lines) and outlines from light curves: median and 90 % band of the convex "
+                "bodies (dark), and 90 % band of the limb, which has relief (light). Only size "
+                "and place are fitted to the chords. Ends in orange lie outside; dashed "
                 f"lines are negative chords. North is up, east is left; {width:.0f} mm wide."
             )
             gallery.add(figure, f"outlines-{name}", alt, caption)
@@ -67,16 +71,18 @@ def draw_outlines(panels: Sequence[Sequence[Panel]], gallery: Gallery) -> None:
 def _draw(axes: Any, panel: Panel) -> None:
     toward = np.append(panel.angle, panel.angle[0])
     low, median, high = (np.append(r, r[0]) for r in panel.radii)
+    lowest, highest = (np.append(r, r[0]) for r in panel.limb)
     cos, sin = np.cos(toward), np.sin(toward)
-    axes.fill(
-        np.concatenate([high * cos, (low * cos)[::-1]]),
-        np.concatenate([high * sin, (low * sin)[::-1]]),
-        color=colour(0),
-        alpha=0.25,
-        lw=0,
-    )
+    for inner, outer, alpha in ((lowest, highest, 0.15), (low, high, 0.25)):
+        axes.fill(
+            np.concatenate([outer * cos, (inner * cos)[::-1]]),
+            np.concatenate([outer * sin, (inner * sin)[::-1]]),
+            color=colour(0),
+            alpha=alpha,
+            lw=0,
+        )
     axes.plot(median * cos, median * sin, color=colour(0), lw=0.9)
-    reach = 1.1 * max(float(high.max()), float(np.abs(panel.chords - panel.middle).max()))
+    reach = 1.1 * max(float(highest.max()), float(np.abs(panel.chords - panel.middle).max()))
     for chord, inside in zip(panel.chords - panel.middle, panel.inside, strict=True):
         axes.plot(*chord.T, color=FAINT, lw=0.6)
         for end, within in zip(chord, inside, strict=True):

@@ -27,7 +27,10 @@ SMALL_ASTEROID = ["--set=degree=2", "--set=n_quadrature=120"]
 SOONER = {
     "fit": SHORT_RUN_FLAGS,
     "batch": [*SHORT_RUN_FLAGS, "--workers=1"],
-    "compare": ["--evidence=particles", "--num-particles=12", "--num-runs=2", "--num-starts=4"],
+    "compare": [
+        *("--evidence=particles", "--num-particles=12", "--num-runs=2", "--num-starts=4"),
+        "--n-facets=1-2",
+    ],
     "scan": ["--n-poles=4", "--n-sky=8", "--n-facets=60", "--degree=3", "--keep=2"],
     "albedo-area": ["--n-normals=100", "--nulls=19", "--bootstrap=10"],
     "attitude-test": ["--bodies=199"],

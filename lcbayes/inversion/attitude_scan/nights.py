@@ -1,7 +1,7 @@
 """How far further nights would settle the period of an object with sparse points.
 
-Spins drawn from the posterior foretell the points of each night. Nights are simulated from some of
-the spins, and the others are weighed by what they foretold, as a scan of all points would.
+Spins drawn from the posterior predict the points of each night. Nights are simulated from some of
+the spins, and the others are weighed by what they predicted, as a scan of all points would.
 """
 
 from __future__ import annotations
@@ -250,8 +250,8 @@ def _gain(
 ) -> Floats:
     """ln-likelihoods (A, R, B) of each weighed spin for nights drawn from each true one."""
     variance = night.weight * (error_mag / sparse.MAG) ** 2 + ERROR_FLOOR**2
-    mean, factor = foretold(night, weighed, variance)
-    centre, spread = foretold(night, true, variance)
+    mean, factor = predicted(night, weighed, variance)
+    centre, spread = predicted(night, true, variance)
     noise = rng.standard_normal((len(centre), REPEATS, len(night.t)))
     drawn = centre[:, None] + np.einsum("aij,arj->ari", spread, noise)
     flat = drawn.reshape(-1, len(night.t))
@@ -263,7 +263,7 @@ def _gain(
     return out.reshape(*drawn.shape[:2], -1)
 
 
-def foretold(night: Night, spins: Draws, variance: float) -> tuple[Floats, Floats]:
+def predicted(night: Night, spins: Draws, variance: float) -> tuple[Floats, Floats]:
     """Mean (B, T) of ln f at each spin, and the Cholesky factor (B, T, T) of its covariance."""
     n = len(night.t)
     filled = replace(

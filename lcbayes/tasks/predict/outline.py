@@ -22,7 +22,7 @@ from lcbayes.results.content import BodyRow
 Floats = NDArray[np.float64]
 
 MIN_EFFECTIVE = 20.0  # effective number of bodies below which the chords choose too few
-SAMPLES = 25  # of the size of each body, given its shape
+SAMPLES = 25  # of the size of each body, given its shape, and of its relief
 ANGLES = 180  # at which outlines are compared
 BAND = (0.05, 0.5, 0.95)
 
@@ -64,14 +64,17 @@ class Outline:
         each = self.placed.log_likelihood
         return float(logsumexp(each) - np.log(len(each)))
 
-    def inside(self) -> NDArray[np.bool_]:
+    def inside(self, *, relief: bool) -> NDArray[np.bool_]:
         """Whether each end lies in the central 90 % of the outlines, timing error included, (E,).
 
-        Shapes are from light curves alone; only size and centre are fitted to the chords.
+        Shapes are from light curves alone; only size and centre are fitted to the chords. With
+        ``relief``, the limb deviates from each outline as it does before the chords are known.
         """
         rng = np.random.default_rng(0)  # the same in every table and figure
         timing = np.linalg.norm(self.chords.along_km, axis=1)
         drawn = self.placed.distance + timing * rng.standard_normal(self.placed.distance.shape)
+        if relief:
+            drawn += self._relief(rng) * rng.standard_normal(drawn.shape)
         low, high = np.quantile(drawn, (BAND[0], BAND[-1]), axis=0)
         return (low <= 0.0) & (high >= 0.0)
 
@@ -93,10 +96,17 @@ class Outline:
         """The mean centre of an event, (2,) km."""
         return self.placed.centre[:, event].mean(axis=0)
 
-    def band(self, event: int) -> tuple[Floats, Floats]:
+    def _relief(self, rng: np.random.Generator) -> Floats:
+        """Rms height of the limb over each outline, km, from its prior: (S, 1)."""
+        drawn = rng.standard_normal((len(self.placed.size), 1))
+        share = occultations.RELIEF_MEDIAN * np.exp(occultations.RELIEF_LOG_SD * drawn)
+        return share * self.placed.size[:, None] * self.outline.mean(axis=(1, 2))[:, None]
+
+    def band(self, event: int, *, relief: bool = False) -> tuple[Floats, Floats]:
         """Angles from x to y, (A,) rad, and radii about `middle` at the quantiles `BAND`, km.
 
-        The outlines are those of the orientation at the median chord.
+        The outlines are those of the orientation at the median chord, with the heights of the limb
+        over them if ``relief`` is true.
         """
         chords = np.flatnonzero(self.chords.chord_event == event)
         angle = 2.0 * np.pi * np.arange(occultations.DIRECTIONS) / occultations.DIRECTIONS
@@ -106,6 +116,11 @@ class Outline:
         height = self.placed.size[:, None] * shape + shift @ normal.T
         toward = 2.0 * np.pi * np.arange(ANGLES) / ANGLES
         radii = np.stack([radius(height, angle, float(a)) for a in toward], axis=1)
+        if relief:
+            rng = np.random.default_rng(0)
+            several = np.tile(radii, (SAMPLES, 1))
+            relief = np.concatenate([self._relief(rng) for _ in range(SAMPLES)])
+            radii = several + relief * rng.standard_normal(several.shape)
         return toward, np.quantile(radii, BAND, axis=0)
 
 
@@ -228,7 +243,8 @@ def _event(event: Occultation) -> dict[str, Any]:
 
 def _solution(outline: Outline, seed: int, joint: bool) -> dict[str, Any]:
     spin = outline.asteroid.mean_spin
-    inside, placed = outline.inside(), outline.placed
+    smooth, limb = outline.inside(relief=False), outline.inside(relief=True)
+    placed = outline.placed
     weight = outline.joint
     return {
         "pole_lon_deg": spin.pole_lon_deg,
@@ -238,9 +254,10 @@ def _solution(outline: Outline, seed: int, joint: bool) -> dict[str, Any]:
         "n_bodies": len(weight),
         "n_failed": outline.n_failed,
         "effective_bodies": outline.effective,
-        "ends": len(inside),
-        "ends_inside_90": int(inside.sum()),
-        "share_inside_90": float(inside.mean()),
+        "ends": len(limb),
+        "ends_inside_90": int(limb.sum()),
+        "share_inside_90": float(limb.mean()),
+        "ends_inside_90_without_relief": int(smooth.sum()),
         "rms_distance_km": float(np.sqrt(np.mean(placed.distance**2))),
         "limb_relief": float(placed.relief.mean()),
         "log_evidence_chords": outline.log_evidence,

@@ -95,7 +95,8 @@ class OutlinePrediction(Result[OutlineContent]):
                         "distance_q05_km": low,
                         "distance_q50_km": middle,
                         "distance_q95_km": high,
-                        "inside_90": one.inside(),
+                        "inside_90": one.inside(relief=True),
+                        "inside_90_without_relief": one.inside(relief=False),
                     }
                 )
             )
@@ -109,10 +110,12 @@ class OutlinePrediction(Result[OutlineContent]):
         for number, one in enumerate(self._outlines, 1):
             for event in range(len(self._events)):
                 angle, radii = one.band(event)
+                low, _, high = one.band(event, relief=True)[1]
                 west, north = one.middle(event)
                 columns = {"solution": number, "event": event + 1, "west_km": west}
                 columns |= {"north_km": north, "angle_deg": np.degrees(angle)}
                 columns |= dict(zip(("q05_km", "q50_km", "q95_km"), radii, strict=True))
+                columns |= {"limb_q05_km": low, "limb_q95_km": high}
                 parts.append(pd.DataFrame(columns))
         return pd.concat(parts, ignore_index=True)
 
@@ -162,10 +165,11 @@ class OutlinePrediction(Result[OutlineContent]):
             f"weight {content['weight_before']:.2f}{after}",
             chords=occultation.place_km[~occultation.negative],
             negative=occultation.place_km[occultation.negative],
-            inside=one.inside()[here].reshape(-1, 2),
+            inside=one.inside(relief=True)[here].reshape(-1, 2),
             middle=one.middle(event),
             angle=angle,
             radii=radii,
+            limb=one.band(event, relief=True)[1][[0, -1]],
         )
 
 
@@ -176,9 +180,13 @@ def _lines(number: int, one: Mapping[str, Any]) -> Iterator[str]:
         f"weight {one['weight_before']:.3g} from light curves{after}"
     )
     yield (
-        f"  outline from light curves, size and place fitted: {one['ends_inside_90']} of "
-        f"{one['ends']} ends inside its 90 % band, rms distance {one['rms_distance_km']:.2g} km, "
-        f"limb relief {100 * one['limb_relief']:.1f} % of the radius"
+        f"  limb predicted from light curves, size and place fitted: {one['ends_inside_90']} of "
+        f"{one['ends']} ends inside its 90 % band ({one['ends_inside_90_without_relief']} without "
+        "relief)"
+    )
+    yield (
+        f"  rms distance from the convex outlines {one['rms_distance_km']:.2g} km; relief by the "
+        f"chords {100 * one['limb_relief']:.1f} % of the radius"
     )
     yield f"  diameter, shapes from light curves: {_diameter(one['diameter_from_light_curves_km'])}"
     if one["diameter_km"] is not None:

@@ -40,6 +40,17 @@ def between(text: str) -> tuple[float, ...]:
     return hours(ends[0]), hours(ends[1])
 
 
+def check_range(ends: tuple[float, ...]) -> None:
+    """Raise an InputError unless a range of periods, h, is two positive, increasing numbers."""
+    if len(ends) != 2:
+        raise InputError("--period-range needs two periods: FROM,TO")
+    low, high = ends
+    if not 0 < low < high:
+        raise InputError(
+            f"--period-range is {low:g},{high:g}; give the shortest and the longest period, hours"
+        )
+
+
 AUTO, BODIES, PERIODOGRAM = "auto", "bodies", "periodogram"
 
 
@@ -106,8 +117,8 @@ class ScanOptions(Options):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.period_range is not None and len(self.period_range) != 2:
-            raise InputError("--period-range needs two periods: FROM,TO")
+        if self.period_range is not None:
+            check_range(self.period_range)
 
 
 TASK = Task(

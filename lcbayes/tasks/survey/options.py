@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from lcbayes.core.errors import InputError
 from lcbayes.core.options import Options, option
-from lcbayes.tasks.scan.options import between
+from lcbayes.tasks.scan.options import between, check_range
 from lcbayes.tasks.task import REQUIRED_FOLDER, Task
 
 # How the work is distributed, and what is written beside the table.
@@ -60,8 +59,7 @@ class SurveyOptions(Options):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if len(self.period_range) != 2:
-            raise InputError("--period-range needs two periods: FROM,TO")
+        check_range(self.period_range)
 
     def numbers(self) -> dict[str, Any]:
         """The options that determine the numbers of an object."""

@@ -67,7 +67,7 @@ def test_it_never_goes_back():
 
 
 def test_what_goes_on_says_how_much_is_left(capsys, monkeypatch):
-    """Where nobody looks on: a line at once, when all that was foretold is done, and when the rest
+    """Where nobody looks on: a line at once, when all that was announced is done, and when the rest
     is."""
     monkeypatch.setattr("sys.stderr.isatty", lambda: False)
     with Console().stage("sampling", 100, "draws") as track:

@@ -1,5 +1,5 @@
-"""What further nights would bring: the foretold points, nights that tell nothing, and whether the
-foretold probability comes true."""
+"""What further nights would bring: the predicted points, nights that tell nothing, and whether the
+predicted probability comes true."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def searched():
     return curve, points, sparse.search(points, NARROW)
 
 
-def test_points_are_foretold_as_by_the_joint_normal(searched):
+def test_points_are_predicted_as_by_the_joint_normal(searched):
     """Conditioning the joint normal of old and new points, without any coefficients."""
     curve, points, _ = searched
     pole, frequency = sparse_surveys.POLE[None], np.array([1.0 / (3600.0 * PERIOD_H)])
@@ -63,7 +63,7 @@ def test_points_are_foretold_as_by_the_joint_normal(searched):
     spins = nights.Draws(pole, frequency, np.ones(1), mean, covariance, np.asarray(fit.night))
     (night, *_) = nights._nights(curve, geometry(curve, hours_after(curve, 7)))
     variance = 0.03**2
-    foretold, factor = nights.foretold(night, spins, variance)
+    predicted, factor = nights.predicted(night, spins, variance)
 
     rows = points.used > 0
     (tilt,) = tilts(pole)
@@ -88,7 +88,7 @@ def test_points_are_foretold_as_by_the_joint_normal(searched):
     gain = np.linalg.solve(joint[:n_old, :n_old], joint[:n_old, n_old:]).T
     expected = new @ prior_mean + gain @ (points.log_flux[rows] - old @ prior_mean)
     spread = joint[n_old:, n_old:] - gain @ joint[:n_old, n_old:]
-    np.testing.assert_allclose(foretold[0], expected, atol=1e-8)
+    np.testing.assert_allclose(predicted[0], expected, atol=1e-8)
     np.testing.assert_allclose(factor[0] @ factor[0].T, spread, atol=1e-8)
 
 
@@ -121,11 +121,11 @@ def test_nights_in_other_axes_are_refused(searched):
 
 
 @pytest.mark.slow
-def test_the_foretold_probability_comes_true():
+def test_the_predicted_probability_comes_true():
     """Ellipsoids with random axes and poles: the mean probability of the true period once the night
-    is observed and all points are searched again, against the foretold one, within 3.3 standard
+    is observed and all points are searched again, against the predicted one, within 3.3 standard
     errors (0.1 %)."""
-    foretold, came = [], []
+    predicted, came = [], []
     for seed in range(16):
         rng = np.random.default_rng(seed)
         b = rng.uniform(0.6, 0.95)
@@ -140,7 +140,7 @@ def test_the_foretold_probability_comes_true():
         times = hours_after(curve)[:20]
         further = nights.Further(geometry(curve, times), ERROR_MAG)
         (row,) = nights.outlook(points, found, curve, further, seed)["nights"]
-        foretold.append(row["probability"])
+        predicted.append(row["probability"])
         noise = ERROR_MAG * np.log(10.0) / 2.5 * rng.standard_normal(20)
         night = sparse_surveys.brightness(times, **body) * np.exp(noise)
         sun, obs = sparse_surveys.directions(times)
@@ -160,5 +160,5 @@ def test_the_foretold_probability_comes_true():
         true = 1.0 / (3600.0 * PERIOD_H)
         near = [s for s in spins if abs(s.frequency - true) * again.span < sparse.SAME_PERIOD]
         came.append(sum(s.probability for s in near))
-    apart = np.array(came) - np.array(foretold)
-    assert abs(apart.mean()) < 3.3 * apart.std(ddof=1) / np.sqrt(len(apart)), (foretold, came)
+    apart = np.array(came) - np.array(predicted)
+    assert abs(apart.mean()) < 3.3 * apart.std(ddof=1) / np.sqrt(len(apart)), (predicted, came)

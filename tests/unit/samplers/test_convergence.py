@@ -121,7 +121,7 @@ def test_settings_are_recorded_as_they_were_asked_for(asked):
 
 
 class Cut(Silent):
-    """Stops a run that goes on, at its first block beyond what was foretold."""
+    """Stops a run that goes on, at its first block beyond what was announced."""
 
     @contextmanager
     def stage(self, title, total, unit):  # noqa: ARG002

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import csv
 import json
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
+from scipy.stats import norm
 
 import lcbayes
 from lcbayes.cli.main import main
@@ -41,6 +44,7 @@ def test_outline_diameter_and_pole(predicted):
     # the chords are of the first pole
     assert right["weight_before"] == wrong["weight_before"] == 0.5
     assert right["share_inside_90"] > 0.7
+    assert right["ends_inside_90_without_relief"] <= right["ends_inside_90"]
     assert right["rms_distance_km"] < 0.5 * wrong["rms_distance_km"]
     assert abs(right["diameter_from_light_curves_km"]["mean"] - DIAMETER) < 0.02 * DIAMETER
     assert right["negative_chords_crossed"] == 0.0
@@ -68,6 +72,9 @@ def test_files_of_an_outline(predicted):
         bands = list(csv.DictReader(file))
     assert len(bands) == 2 * outline.ANGLES
     assert all(float(r["q05_km"]) <= float(r["q50_km"]) <= float(r["q95_km"]) for r in bands)
+    limb = [float(r["limb_q95_km"]) - float(r["limb_q05_km"]) for r in bands]
+    convex = [float(r["q95_km"]) - float(r["q05_km"]) for r in bands]
+    assert np.all(np.array(limb) > convex)
     assert "rms distance" in (out / "report.html").read_text()
 
 
@@ -79,6 +86,36 @@ def test_radius_from_the_support_function():
         estimate = outline.radius(height[None], angle, toward)[0]
         expected = 3.0 * np.cos(toward) + np.sqrt(100.0 - 9.0 * np.sin(toward) ** 2)
         assert estimate == pytest.approx(expected, rel=1e-3)
+
+
+def test_the_band_of_the_limb_holds_the_heights_of_its_prior():
+    """Ends at every quantile of heights over a ball of 40 km: rms 3 % of the radius times e^±1."""
+
+    def below(height: float) -> float:
+        given = lambda u: norm.pdf(u) * norm.cdf(height / (0.03 * 40.0 * np.exp(u)))  # noqa: E731
+        return quad(given, -8.0, 8.0)[0]
+
+    heights = np.linspace(-12.0, 12.0, 241)
+    share = np.array([below(float(h)) for h in heights])
+    bodies = 4000
+    placed = SimpleNamespace(
+        size=np.full(bodies, 80.0), distance=np.broadcast_to(heights, (bodies, len(heights)))
+    )
+    ball = outline.Outline(
+        asteroid=cast(Any, None),
+        n_failed=0,
+        placed=cast(Any, placed),
+        outline=np.full((bodies, 1, 36), 0.5),  # of the diameter
+        chords=cast(Any, SimpleNamespace(along_km=np.zeros((len(heights), 2)))),
+        posterior=1.0,
+        joint=np.full(bodies, 1.0 / bodies),
+        effective=float(bodies),
+    )
+    inside = ball.inside(relief=True)
+    sure = np.abs(np.minimum(share, 1.0 - share) - 0.05) > 5.0 * np.sqrt(0.05 * 0.95 / bodies)
+    assert sure.sum() > 150
+    np.testing.assert_array_equal(inside[sure], (share[sure] > 0.05) & (share[sure] < 0.95))
+    np.testing.assert_array_equal(ball.inside(relief=False), heights == 0.0)
 
 
 def test_chords_choose_the_pole_where_shapes_are_uncertain(tmp_path):
