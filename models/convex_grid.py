@@ -34,7 +34,9 @@ CLOSURE_SD = 0.01
 MOMENT_DEGREE = 4  # highest degree of the moments that the data constrain; see `coordinates`
 LIKELY = 400  # draws about a solution
 MANY = 500_000  # epochs × normals, from which on chains follow an expansion
-COARSER = {"n_quadrature": 300}  # for the search
+# For the search. With an unknown roughness, a body that begins smooth stays smooth, and its misfit
+# becomes noise: relief is cheap only once there is some.
+COARSER = {"n_quadrature": 300, "roughness": 2.4}
 LOG_LAMBERT = (np.log(0.1), 0.5)
 MIN_LAMBERT = 0.03
 LINEAR_LAMBERT = ComposeTransform(  # x to ln c: c ≈ x above the minimum, exponential in x below
@@ -65,6 +67,7 @@ def model(
     scatter: float = 0.0,
     correlated_noise: bool = False,
     zero_point_sd: float = 0.0,
+    roughness: float = 0.0,
 ):
     """f(t) = S(phase) Σ αᵢ [μ₀μ/(μ₀+μ) + c μ₀μ], α ∝ exp of harmonics up to a degree.
 
@@ -105,6 +108,8 @@ def model(
         Whether the noise includes an Ornstein-Uhlenbeck process of unknown size and time scale.
     zero_point_sd
         Prior sd of the zero point of each observer and night of calibrated curves, mag; 0: equal.
+    roughness
+        τ of the relief if it is known; 0: it is integrated out. The search takes 2.4.
 
     References
     ----------
@@ -117,7 +122,7 @@ def model(
     period_s = _period_s(data, period, shift)
     numpyro.deterministic("period_h", period_s / HOUR_S)
 
-    shape = EllipsoidWithRelief(degree)
+    shape = EllipsoidWithRelief(degree, roughness)
     coefficients = jnp.asarray(numpyro.sample("coefficients", shape))
     numpyro.deterministic("roughness", shape.roughness(coefficients))
     share = jax.nn.softmax(harmonics @ coefficients + log_weights)

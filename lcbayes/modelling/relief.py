@@ -64,6 +64,8 @@ class EllipsoidWithRelief(dist.Distribution):
     ----------
     degree : int
         Highest degree L.
+    roughness : float
+        τ if it is known; 0: it is integrated out.
 
     Examples
     --------
@@ -73,10 +75,12 @@ class EllipsoidWithRelief(dist.Distribution):
     """
 
     support = constraints.real_vector  # pyright: ignore[reportAssignmentType]
-    pytree_aux_fields = ("degree",)
+    pytree_aux_fields = ("degree", "roughness_known")
 
-    def __init__(self, degree: int, *, validate_args: bool | None = None) -> None:
-        self.degree = degree
+    def __init__(
+        self, degree: int, roughness: float = 0.0, *, validate_args: bool | None = None
+    ) -> None:
+        self.degree, self.roughness_known = degree, roughness
         super().__init__(event_shape=((degree + 1) ** 2 - 1,), validate_args=validate_args)
 
     def sample(self, key: jax.Array, sample_shape: tuple[int, ...] = ()) -> jax.Array:
@@ -86,6 +90,8 @@ class EllipsoidWithRelief(dist.Distribution):
         axes = ELLIPSOID_SD * jax.random.normal(key_axes, (*sample_shape, len(rows.axes)))
         unit = jax.random.normal(key_relief, (*sample_shape, len(rows.others)))
         square = jax.random.gamma(key_scale, 0.5 * RELIEF_DF, sample_shape) / (0.5 * RELIEF_DF)
+        if self.roughness_known:
+            square = jnp.full(sample_shape, (RELIEF_SCALE / self.roughness_known) ** 2)
         relief = rows.widths * unit / jnp.sqrt(square)[..., None]
         out = jnp.zeros((*sample_shape, *self.event_shape))
         out = out.at[..., rows.axes].set(axes)
@@ -110,6 +116,10 @@ class EllipsoidWithRelief(dist.Distribution):
         n, df = len(rows.others), RELIEF_DF
         axes = dist.Normal(0.0, ELLIPSOID_SD).log_prob(value[..., rows.axes]).sum(-1)
         square = jnp.sum(self.relief(value) ** 2, axis=-1)
+        if self.roughness_known:
+            share = RELIEF_SCALE / self.roughness_known
+            norm = n * np.log(share / np.sqrt(2.0 * np.pi)) - np.sum(np.log(rows.widths))
+            return axes + norm - 0.5 * share**2 * square
         norm = gammaln(0.5 * (df + n)) - gammaln(0.5 * df) - 0.5 * n * np.log(df * np.pi)
         norm -= np.sum(np.log(rows.widths))
         return axes + norm - 0.5 * (df + n) * jnp.log1p(square / df)
@@ -123,5 +133,7 @@ class EllipsoidWithRelief(dist.Distribution):
         slope = jax.jacfwd(self.relief)(value)
         square = jnp.sum(self.relief(value) ** 2)
         weight = (RELIEF_DF + len(rows.others)) / (RELIEF_DF + square)
+        if self.roughness_known:
+            weight = (RELIEF_SCALE / self.roughness_known) ** 2
         axes = jnp.zeros(value.shape).at[rows.axes].set(ELLIPSOID_SD**-2)
         return weight * slope.T @ slope + jnp.diag(axes)

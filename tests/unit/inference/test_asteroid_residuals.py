@@ -126,6 +126,28 @@ def test_a_scan_of_curves_that_cover_phase_angles_finds_the_pole(tmp_path):
     assert min(np.degrees(np.arccos(pole @ truth.pole)) for pole in poles) < 3.0
 
 
+@pytest.mark.slow
+def test_the_search_finds_relief_from_a_sphere(tmp_path):
+    """A contact binary; a smooth body fits it half as well, and stays smooth by its prior."""
+    binary = asteroids.draw_case("binary", 0)
+    asteroids.write(binary, tmp_path / "asteroid.lcs")
+    data = Epochs.of(lcbayes.read(tmp_path / "asteroid.lcs"))
+    options = {"period": binary.period_h}
+    full, coarse = (
+        Problem(registry.find("convex-grid").bind(options | other), data)
+        for other in ({}, convex_grid.COARSER)
+    )
+    (sphere, *_) = convex_grid.starts(data, jax.random.key(0))
+    middle = {"pole_base": jnp.asarray(binary.pole)[None], "period_shift": jnp.zeros(())}
+    start = np.asarray(full.ravel(sphere | middle))
+    every = np.arange(full.dim)
+    found, _ = optimum(coarse, data, start, every)
+    z, potential = optimum(full, data, found, every)
+    _, smooth = optimum(full, data, start, every)
+    assert potential < smooth - 50.0
+    assert float(full.constrain(jnp.asarray(z), data)["sigma"]) < 0.0105  # simulated with 0.01
+
+
 def test_curves_of_one_night_have_no_phase_law(case, tmp_path):
     asteroids.write(case, tmp_path / "asteroid.lcs")
     data = Epochs.of(lcbayes.read(tmp_path / "asteroid.lcs"))

@@ -37,6 +37,21 @@ def test_density_is_the_mixture_over_the_roughness():
     assert float(PRIOR.log_prob(jnp.asarray(c))) == pytest.approx(expected, abs=1e-6)
 
 
+def test_a_known_roughness_makes_the_relief_normal():
+    known = EllipsoidWithRelief(DEGREE, 0.8)
+    c = 0.4 * np.random.default_rng(0).normal(size=48) * (2.0 / (DEGREES + 1.0)) ** 2
+    others = DEGREES != 2
+    width = (2.0 / (DEGREES[others] + 1.0)) ** 2
+    height = np.asarray(PRIOR.relief(jnp.asarray(c))) * 2.0 * width
+    expected = stats.norm.logpdf(height, 0.0, 0.8 * width).sum()
+    expected += stats.norm.logpdf(c[~others], 0.0, 1.5).sum()
+    assert float(known.log_prob(jnp.asarray(c))) == pytest.approx(expected, abs=1e-8)
+    curvature = -np.asarray(jax.hessian(known.log_prob)(jnp.zeros(48)))
+    np.testing.assert_allclose(known.precision(jnp.zeros(48)), curvature, atol=1e-6)
+    draws = known.sample(jax.random.key(0), (4000,))
+    assert np.median(known.roughness(draws)) == pytest.approx(0.8, rel=0.02)
+
+
 @pytest.mark.parametrize("axes", [(1.7, 1.5, 1.0), (2.0, 1.4, 1.0), (1.3, 1.1, 1.0)])
 def test_an_ellipsoid_is_nearly_without_relief(axes):
     c = ellipsoid(*axes)
