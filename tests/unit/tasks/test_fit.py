@@ -74,7 +74,7 @@ def relative(level: float, **changes) -> LightCurve:
                 brightness=np.repeat([1.0, -1.0], 10),
                 free_scale=np.ones(2, bool),
             ),
-            "the mean flux of the curve b is not positive",
+            "the mean flux of curve b is not positive",
         ),
     ],
 )
