@@ -119,8 +119,8 @@ class Outline:
         if relief:
             rng = np.random.default_rng(0)
             several = np.tile(radii, (SAMPLES, 1))
-            relief = np.concatenate([self._relief(rng) for _ in range(SAMPLES)])
-            radii = several + relief * rng.standard_normal(several.shape)
+            heights = np.concatenate([self._relief(rng) for _ in range(SAMPLES)])
+            radii = several + heights * rng.standard_normal(several.shape)
         return toward, np.quantile(radii, BAND, axis=0)
 
 
