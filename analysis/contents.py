@@ -148,7 +148,7 @@ def assemble(folder: Path, tree: xr.DataTree, summary: dict[str, Any], toml: str
     } | {k: constant[k].to_numpy() for k in ("error", "curve") if k in constant}
     labels = {k: constant[k].to_numpy().astype(str) for k in ("site", "band") if k in constant}
     if "curve_name" in constant:
-        titles = curve_titles(constant["curve_name"].to_numpy().astype(str))
+        titles = curve_titles(constant["curve_name"].to_numpy().astype(str).tolist())
         labels["curve"] = np.array(titles)[constant_or["curve"].astype(int)]
     return Results(
         folder=folder,
