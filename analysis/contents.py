@@ -147,9 +147,9 @@ def assemble(folder: Path, tree: xr.DataTree, summary: dict[str, Any], toml: str
         "curve": np.zeros(size, int),
     } | {k: constant[k].to_numpy() for k in ("error", "curve") if k in constant}
     labels = {k: constant[k].to_numpy().astype(str) for k in ("site", "band") if k in constant}
-    if "curve_name" in constant:
-        titles = curve_titles(constant["curve_name"].to_numpy().astype(str).tolist())
-        labels["curve"] = np.array(titles)[constant_or["curve"].astype(int)]
+    index = constant_or["curve"].astype(int)
+    names = constant.get("curve_name", xr.DataArray(np.arange(index.max() + 1)))
+    labels["curve"] = np.array(curve_titles(names.to_numpy().astype(str).tolist()))[index]
     return Results(
         folder=folder,
         attrs=attrs,
@@ -159,7 +159,7 @@ def assemble(folder: Path, tree: xr.DataTree, summary: dict[str, Any], toml: str
         t=t - t[0],
         brightness=observed[order].astype(float),
         error=constant_or["error"].astype(float),
-        curve=constant_or["curve"].astype(int),
+        curve=index,
         constant=constant,
         predicted=predicted,
         log_likelihood=log_likelihood,

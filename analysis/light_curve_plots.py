@@ -262,9 +262,7 @@ def segment_title(results: Results, part: Segment) -> str:
     if part.site and np.unique(results.labels["site"]).size > 1:
         title = f"{part.site} · {title}"
     if np.unique(results.curve).size > 1:
-        titles = results.labels.get("curve")
-        named = f"curve {part.curve + 1}" if titles is None else titles[part.points[0]]
-        title = f"{named} · {title}"
+        title = f"{results.labels['curve'][part.points[0]]} · {title}"
     return title
 
 

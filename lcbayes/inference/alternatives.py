@@ -232,8 +232,9 @@ def _apparitions(flux: Floats, data: Epochs, names: tuple[str, ...]) -> Iterator
     columns, labels = [], []
     for rows, name in zip(split(t, curve, APPARITION), names, strict=True):
         if 1 < rows.size < np.sum(curve == curve[rows[0]]):
-            here = np.isin(np.arange(t.size), rows)
-            columns.append(np.where(here, -0.4 * np.log(10.0) * flux, 0.0)[None])
+            column = np.zeros((1, t.size))
+            column[0, rows] = -0.4 * np.log(10.0) * flux[rows]
+            columns.append(column)
             labels.append(name)
     if columns:
         yield Alternative(

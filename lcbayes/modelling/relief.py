@@ -12,6 +12,7 @@ from numpyro.distributions import constraints
 from numpyro.distributions.util import validate_sample
 from numpyro.util import is_prng_key
 
+from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.physics.bodies import facets
 
@@ -67,6 +68,11 @@ class EllipsoidWithRelief(dist.Distribution):
     roughness : float
         τ if it is known; 0: it is integrated out.
 
+    Raises
+    ------
+    InputError
+        The roughness is negative or not finite.
+
     Examples
     --------
     >>> from lcbayes.core.jax_setup import jnp
@@ -80,6 +86,8 @@ class EllipsoidWithRelief(dist.Distribution):
     def __init__(
         self, degree: int, roughness: float = 0.0, *, validate_args: bool | None = None
     ) -> None:
+        if not 0.0 <= roughness < np.inf:
+            raise InputError(f"roughness is {roughness:g}; give τ of the relief, or 0 if unknown")
         self.degree, self.roughness_known = degree, roughness
         super().__init__(event_shape=((degree + 1) ** 2 - 1,), validate_args=validate_args)
 
@@ -89,9 +97,10 @@ class EllipsoidWithRelief(dist.Distribution):
         key_axes, key_relief, key_scale = jax.random.split(key, 3)
         axes = ELLIPSOID_SD * jax.random.normal(key_axes, (*sample_shape, len(rows.axes)))
         unit = jax.random.normal(key_relief, (*sample_shape, len(rows.others)))
-        square = jax.random.gamma(key_scale, 0.5 * RELIEF_DF, sample_shape) / (0.5 * RELIEF_DF)
         if self.roughness_known:
             square = jnp.full(sample_shape, (RELIEF_SCALE / self.roughness_known) ** 2)
+        else:
+            square = jax.random.gamma(key_scale, 0.5 * RELIEF_DF, sample_shape) / (0.5 * RELIEF_DF)
         relief = rows.widths * unit / jnp.sqrt(square)[..., None]
         out = jnp.zeros((*sample_shape, *self.event_shape))
         out = out.at[..., rows.axes].set(axes)
@@ -132,8 +141,9 @@ class EllipsoidWithRelief(dist.Distribution):
         rows = _orders(self.degree)
         slope = jax.jacfwd(self.relief)(value)
         square = jnp.sum(self.relief(value) ** 2)
-        weight = (RELIEF_DF + len(rows.others)) / (RELIEF_DF + square)
         if self.roughness_known:
             weight = (RELIEF_SCALE / self.roughness_known) ** 2
+        else:
+            weight = (RELIEF_DF + len(rows.others)) / (RELIEF_DF + square)
         axes = jnp.zeros(value.shape).at[rows.axes].set(ELLIPSOID_SD**-2)
         return weight * slope.T @ slope + jnp.diag(axes)

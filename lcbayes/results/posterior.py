@@ -161,8 +161,8 @@ def tree(
     length = min(m.z.shape[1] for m in modes)
     z = np.concatenate([m.z[:, :length] for m in modes])
     rng = np.random.default_rng([seed, 3])
-    apart = [dataset(drawn(constrain_draws(problem, m.z, data), rng)) for m in modes]
-    apart = [_with_phase_laws(one, curve, data) for one in apart]
+    draws = (dataset(drawn(constrain_draws(problem, m.z, data), rng)) for m in modes)
+    apart = [_with_phase_laws(one, curve, data) for one in draws]
     chains = _chains(modes)
     whole = _stacked(apart, length).assign_coords(chains)
     point = {"time": np.arange(curve.n_obs)}

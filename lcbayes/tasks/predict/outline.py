@@ -74,7 +74,7 @@ class Outline:
         timing = np.linalg.norm(self.chords.along_km, axis=1)
         drawn = self.placed.distance + timing * rng.standard_normal(self.placed.distance.shape)
         if relief:
-            drawn += self._relief(rng) * rng.standard_normal(drawn.shape)
+            drawn += self._rms_heights(rng) * rng.standard_normal(drawn.shape)
         low, high = np.quantile(drawn, (BAND[0], BAND[-1]), axis=0)
         return (low <= 0.0) & (high >= 0.0)
 
@@ -96,17 +96,17 @@ class Outline:
         """The mean centre of an event, (2,) km."""
         return self.placed.centre[:, event].mean(axis=0)
 
-    def _relief(self, rng: np.random.Generator) -> Floats:
+    def _rms_heights(self, rng: np.random.Generator) -> Floats:
         """Rms height of the limb over each outline, km, from its prior: (S, 1)."""
         drawn = rng.standard_normal((len(self.placed.size), 1))
         share = occultations.RELIEF_MEDIAN * np.exp(occultations.RELIEF_LOG_SD * drawn)
         return share * self.placed.size[:, None] * self.outline.mean(axis=(1, 2))[:, None]
 
-    def band(self, event: int, *, relief: bool = False) -> tuple[Floats, Floats]:
+    def band(self, event: int) -> tuple[Floats, Floats, Floats]:
         """Angles from x to y, (A,) rad, and radii about `middle` at the quantiles `BAND`, km.
 
-        The outlines are those of the orientation at the median chord, with the heights of the limb
-        over them if ``relief`` is true.
+        The radii are those of the outlines (3, A) in the orientation at the median chord, and of
+        the limb (3, A), which has relief over them.
         """
         chords = np.flatnonzero(self.chords.chord_event == event)
         angle = 2.0 * np.pi * np.arange(occultations.DIRECTIONS) / occultations.DIRECTIONS
@@ -116,12 +116,10 @@ class Outline:
         height = self.placed.size[:, None] * shape + shift @ normal.T
         toward = 2.0 * np.pi * np.arange(ANGLES) / ANGLES
         radii = np.stack([radius(height, angle, float(a)) for a in toward], axis=1)
-        if relief:
-            rng = np.random.default_rng(0)
-            several = np.tile(radii, (SAMPLES, 1))
-            heights = np.concatenate([self._relief(rng) for _ in range(SAMPLES)])
-            radii = several + heights * rng.standard_normal(several.shape)
-        return toward, np.quantile(radii, BAND, axis=0)
+        rng = np.random.default_rng(0)  # the same in every table and figure
+        rms = np.concatenate([self._rms_heights(rng) for _ in range(SAMPLES)])
+        limb = np.tile(radii, (SAMPLES, 1)) + rms * rng.standard_normal((len(rms), ANGLES))
+        return toward, np.quantile(radii, BAND, axis=0), np.quantile(limb, BAND, axis=0)
 
 
 def radius(height: Floats, angle: Floats, toward: float) -> Floats:

@@ -109,13 +109,12 @@ class OutlinePrediction(Result[OutlineContent]):
         parts = []
         for number, one in enumerate(self._outlines, 1):
             for event in range(len(self._events)):
-                angle, radii = one.band(event)
-                low, _, high = one.band(event, relief=True)[1]
+                angle, radii, limb = one.band(event)
                 west, north = one.middle(event)
                 columns = {"solution": number, "event": event + 1, "west_km": west}
                 columns |= {"north_km": north, "angle_deg": np.degrees(angle)}
                 columns |= dict(zip(("q05_km", "q50_km", "q95_km"), radii, strict=True))
-                columns |= {"limb_q05_km": low, "limb_q95_km": high}
+                columns |= {"limb_q05_km": limb[0], "limb_q95_km": limb[-1]}
                 parts.append(pd.DataFrame(columns))
         return pd.concat(parts, ignore_index=True)
 
@@ -157,7 +156,7 @@ class OutlinePrediction(Result[OutlineContent]):
     def _panel(self, index: int, event: int) -> occultation_plots.Panel:
         one, content = self._outlines[index], self.content["solutions"][index]
         occultation = self._events[event]
-        angle, radii = one.band(event)
+        angle, radii, limb = one.band(event)
         here = one.chords.event == event
         after = "" if content["weight"] is None else f" → {content['weight']:.2f}"
         return occultation_plots.Panel(
@@ -169,7 +168,7 @@ class OutlinePrediction(Result[OutlineContent]):
             middle=one.middle(event),
             angle=angle,
             radii=radii,
-            limb=one.band(event, relief=True)[1][[0, -1]],
+            limb=limb[[0, -1]],
         )
 
 

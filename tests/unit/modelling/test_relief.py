@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
+from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.modelling.relief import EllipsoidWithRelief
 from lcbayes.physics.bodies import facets
@@ -50,6 +51,12 @@ def test_a_known_roughness_makes_the_relief_normal():
     np.testing.assert_allclose(known.precision(jnp.zeros(48)), curvature, atol=1e-6)
     draws = known.sample(jax.random.key(0), (4000,))
     assert np.median(known.roughness(draws)) == pytest.approx(0.8, rel=0.02)
+
+
+@pytest.mark.parametrize("roughness", [-1.0, np.inf, np.nan])
+def test_a_roughness_that_is_none_is_refused(roughness):
+    with pytest.raises(InputError, match="roughness is"):
+        EllipsoidWithRelief(DEGREE, roughness)
 
 
 @pytest.mark.parametrize("axes", [(1.7, 1.5, 1.0), (2.0, 1.4, 1.0), (1.3, 1.1, 1.0)])
