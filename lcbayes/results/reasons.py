@@ -379,10 +379,10 @@ def agreement(weights: Sequence[float], fit: Mapping[str, Any]) -> str:
         first = "One solution holds nearly all the weight; the chains of each agree."
     else:
         first = f"{len(weights)} solutions {verb} the data; the chains of each agree."
-    return first if tested else f"{first} {_pattern(fit)}"
+    return first if tested else f"{first} {residual_pattern(fit)}"
 
 
-def _pattern(fit: Mapping[str, Any]) -> str:
+def residual_pattern(fit: Mapping[str, Any]) -> str:
     """Whether the residuals of a fit with an inferred noise are more than noise."""
     tests = [one for one in fit.get("tests", ()) if one["name"] != "chi2"]
     if not tests:

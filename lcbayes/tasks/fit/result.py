@@ -35,6 +35,7 @@ from lcbayes.results.reasons import (
     agreement,
     measured_faults,
     other_spins,
+    residual_pattern,
     rests_on,
     searched,
 )
@@ -142,7 +143,11 @@ class Fit(Result[FitContent]):
         """Each solution: weight, residuals, mean, standard deviation and 90 % intervals."""
         content = self.content
         weights = [m["weight"] for m in content["modes"]]
-        first = [agreement(weights, content["fit"])] if self.trusted else []
+        first = []
+        if self.trusted:
+            first = [agreement(weights, content["fit"])]
+        elif content["fit"]["chi2"] is None:
+            first = [residual_pattern(content["fit"])]
         unit = content["fit"]["rms_unit"]
         lines = [*first, "(mean ± standard deviation, and the interval that holds 90 %)"]
         for i, mode in enumerate(content["modes"], 1):

@@ -12,6 +12,7 @@ import xarray as xr
 
 import lcbayes
 from lcbayes.core.errors import InputError
+from lcbayes.core.reasons import Reason
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.modelling import registry
 from lcbayes.tasks.fit import run as fitting
@@ -163,6 +164,25 @@ def test_a_weight_is_printed_with_its_error(sd, said):
     tree = xr.DataTree.from_dict({f"/modes/{i}/posterior": xr.Dataset() for i in range(2)})
     lines = Fit(tree, content, []).lines()
     assert f"solution 1: weight {said}, rms 0.05 mag" in lines
+
+
+def test_a_pattern_in_the_residuals_is_named_in_a_fit_that_is_refused():
+    late = {"name": "late-curve", "version": "curve 2", "amount": -10.0, "sd": 1.0, "gain": 50.0}
+    quality = {
+        "chi2": None,
+        "rms_unit": "mag",
+        "p_limit": 0.001,
+        "tests": [{"name": "night", "p_value": 1e-4, "upper_limit": False}],
+        "alternatives": [late | {"p_value": 1e-5, "rough": False}],
+    }
+    modes = [{"weight": 1.0, "weight_sd": 0.0, "rms": 0.05, "parameters": {}}]
+    tree = xr.DataTree.from_dict({"/modes/0/posterior": xr.Dataset()})
+    content: Any = {"modes": modes, "fit": quality}
+    refused = Fit(tree, content, [Reason("chains-disagree", "the chains disagree")])
+    assert not refused.trusted
+    first = refused.lines()[0]
+    assert "the residuals show a pattern" in first
+    assert "the times of curve 2 are 10.0 ± 1.0 min too late" in first
 
 
 def test_notes_of_a_file_keep_the_names_of_its_columns():
