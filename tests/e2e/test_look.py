@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import lcbayes
+from benchmarks import _asteroids as asteroids
 from lcbayes.cli import main
 from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE, InputError
 from lcbayes.simulation.scenarios import bundled
@@ -142,6 +143,33 @@ def test_a_period_that_is_not_accurate_enough_for_an_asteroid_is_scanned_first()
     assert "--model convex-grid --start-from scan -o out" in fit
     assert not any("--model body" in line for line in commands(1e8))
     assert any("--model convex-grid --period 0.0" in line for line in commands(5.0))
+
+
+@pytest.fixture
+def six_nights(tmp_path):
+    """An asteroid on six nights in years, none of which shows its period; the truth."""
+    case = asteroids.draw_case("ellipsoid", 2)
+    asteroids.write(case, tmp_path / "asteroid.lcs")
+    return tmp_path / "asteroid.lcs", case
+
+
+def test_an_asteroid_without_a_period_is_scanned_over_all_usual_ones(six_nights):
+    path, _ = six_nights
+    result = lcbayes.look(path)
+    assert not result.content["periods"]["significant"]
+    suited = [shlex.split(one["command"]) for one in result.content["commands"] if one["suits"]]
+    scan, fit = suited
+    assert scan[1:3] == ["scan", str(path)]
+    assert scan[3:] == ["--period-range", "2,1000", "--first-stage", "periodogram", "-o", "scan"]
+    assert fit[3:] == ["--model", "convex-grid", "--start-from", "scan", "-o", "out"]
+
+
+@pytest.mark.slow
+def test_that_scan_finds_the_period(six_nights):
+    path, case = six_nights
+    result = lcbayes.scan(path, period_range=(2.0, 1000.0), first_stage="periodogram", n_sky=0)
+    best = result.content["solutions"][0]
+    assert best["period_h"] == pytest.approx(case.period_h, rel=1e-4)
 
 
 def test_periods_that_explain_nearly_as_much_are_named_with_the_scan():

@@ -25,6 +25,8 @@ BODY_S = 250.0  # of the search for the motion of a body of known parts
 BODY_EPOCH_S = 2.0  # of the chains, for each epoch
 SCAN_STEP_S = 1.5e-8  # per epoch and facet of a step of a hypothesis
 SCAN_POLES, SCAN_STEPS, SCAN_FACETS = 12, 20, 150  # of the screening of a period
+BLIND_H = "2,1000"  # periods of asteroids that are scanned where none is detected
+BLIND_S, BLIND_POINT_S = 60.0, 0.2  # of that scan by a periodogram, and for each point
 COST = (
     f"rough, on one core: {START_S:.0f} s to compile and search, and for a fit "
     f"{GRADIENTS / 1000:.0f} thousand gradients of {GRADIENT_S * 1e9:.0f} ns per epoch and facet, "
@@ -177,7 +179,8 @@ def _asteroid(known: Known) -> Iterator[Advice]:
     why = "curves of a distant object over months or years"
     words = ["--model", "convex-grid"]
     if known.period is None:
-        words += ["--period", "HOURS"]
+        words += ["--start-from", "scan"]
+        why += "; after the scan, or with --period HOURS where a sidereal period is known"
     elif _trials(known) > 1.0:
         words += ["--start-from", "scan"]
         why += "; after the scan, because this period is not accurate enough for all of them"
@@ -189,6 +192,9 @@ def _asteroid(known: Known) -> Iterator[Advice]:
 
 
 def _scan(known: Known) -> Iterator[Advice]:
+    if known.asteroid and known.period is None:
+        yield _blind_scan(known)
+        return
     low, high = _period_range(known)
     if known.period is None:
         hint = "FROM,TO"
@@ -215,6 +221,18 @@ def _scan(known: Known) -> Iterator[Advice]:
         "scan",
         "--period-range",
         hint,
+    )
+
+
+def _blind_scan(known: Known) -> Advice:
+    """A scan of all usual periods of asteroids, as by `lcbayes survey`."""
+    why = (
+        "no period is detected in single nights or adjacent ones; all of them together may show it"
+    )
+    cost = BLIND_S + BLIND_POINT_S * known.curve.n_obs
+    words = ("--period-range", BLIND_H, "--first-stage", "periodogram")
+    return _advice(
+        known, True, "period, and poles with their bodies", why, "", cost, "scan", *words
     )
 
 
