@@ -1,5 +1,6 @@
 # make demo      the main job on a bundled light curve, and where its report is
 # make test      the tests, without the long statistical runs
+# make test-more what CI tests beside that
 # make test-all  every test
 # make docs      the site, with a gallery whose pages are made anew where they changed
 # make site SITE=DIR  adds what make docs built to the versions in DIR (NAME=dev: not under its number)
@@ -35,10 +36,10 @@ ifneq ($(PYTHON),)
     [ "$$("$(PYTHON)" -c '$(BASE)')" = "$$($(BIN)/python -c '$(BASE)')" ] || rm -rf $(VENV))
 endif
 
-.PHONY: help demo env test test-all docs site calibration lint format clean
+.PHONY: help demo env test test-more test-all docs site calibration lint format clean
 
 help:
-	@sed -n '1,10s/^# \{0,1\}//p' Makefile
+	@sed -n '1,11s/^# \{0,1\}//p' Makefile
 
 $(BIN)/python:
 	@for candidate in $(if $(PYTHON),"$(PYTHON)",$(CANDIDATES)); do \
@@ -79,19 +80,22 @@ demo: $(VENV)/.installed
 	exit $$status
 
 # The workers share the cores: a BLAS that takes all of them for each call of each worker is slower.
-test test-all: export OPENBLAS_NUM_THREADS = 1
+test test-more test-all: export OPENBLAS_NUM_THREADS = 1
 
 # Most of the time of the quick run is compilation, so XLA optimises the programs less, and compiles
 # each as one piece instead of 32. `make test-all` tests the programs that a user runs.
-test: export JAX_DISABLE_MOST_OPTIMIZATIONS = 1
-test: export XLA_FLAGS := $(XLA_FLAGS) --xla_cpu_parallel_codegen_split_count=1
+test test-more: export JAX_DISABLE_MOST_OPTIMIZATIONS = 1
+test test-more: export XLA_FLAGS := $(XLA_FLAGS) --xla_cpu_parallel_codegen_split_count=1
 
 # A file's tests stay with one worker, which makes its fixtures once; in the order of the folders,
 # that of the longest files first, so that both workers end together.
 SHARED := -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
 test: env
-	@$(BIN)/python -m pytest -m "not slow" $(SHARED)
+	@$(BIN)/python -m pytest -m "not slow and not medium" $(SHARED)
+
+test-more: env
+	@$(BIN)/python -m pytest -m "medium and not slow" $(SHARED)
 
 test-all: env
 	@$(BIN)/python -m pytest $(SHARED)

@@ -1,16 +1,17 @@
-"""The tests that `make test` leaves to `make test-all` because others execute their lines.
+"""The tests that `make test` leaves to `make test-more` because others execute their lines.
 
     python -m tests.helpers.quick_run COVERAGE_FILE JUNIT_FILE
 
-Both files are of one run:
+Both files are of one run, with nothing else on the machine and no program compiled before:
 
-    python -m pytest -m "not slow" --cov --cov-context=test --junitxml=JUNIT_FILE
+    LCBAYES_CACHE=EMPTY_FOLDER python -m pytest -m "not slow and not medium" --cov \
+        --cov-context=test --junitxml=JUNIT_FILE
 
-From the longest to the shortest, a test is listed if every line of the package that it executes is
-executed by a test that is not listed. The quick run therefore covers the same lines. A long test is
-also listed if it takes more than `SECONDS_PER_LINE` for each line that no other test executes. The
-tests that are listed already do not take part in the run and stay listed; empty the list to start
-again.
+From the longest to the shortest, a test is listed in ``medium_tests.txt`` if it takes more than
+`SECONDS_PER_LINE` for each line of the package that no test outside the list executes. The quick
+run therefore covers nearly the same lines. The tests that are listed already do not take part in
+the run and stay listed, among them, by hand, those that share a long fixture; empty the list to
+start again. The tests of ``long_tests.txt`` are left to `make test-all`.
 """
 
 from __future__ import annotations
@@ -23,24 +24,26 @@ from pathlib import Path
 import pytest
 from coverage import CoverageData
 
-LIST = Path(__file__).parents[1] / "long_tests.txt"
-LEAST_S = 0.3  # shorter tests are not worth an entry
-LONG_S, SECONDS_PER_LINE = 2.0, 0.7
+TESTS = Path(__file__).parents[1]
+LISTS = {"slow": TESTS / "long_tests.txt", "medium": TESTS / "medium_tests.txt"}  # by mark
+LEAST_S = 1.0  # shorter tests are not worth an entry
+SECONDS_PER_LINE = 0.2
 # What these test is no line of the package: what is installed, and what imports what.
 KEPT = ("tests/e2e/test_packaging.py", "tests/contract/test_imports.py")
 
 
-def listed() -> set[str]:
-    """Node ids in ``long_tests.txt``."""
-    return {line for line in LIST.read_text().splitlines() if line and line[0] != "#"}
+def listed(mark: str) -> set[str]:
+    """Node ids in the list of a mark of `LISTS`."""
+    return {line for line in LISTS[mark].read_text().splitlines() if line and line[0] != "#"}
 
 
 def mark(items: list[pytest.Item]) -> None:
-    """Mark the listed tests as slow."""
-    long = listed()
+    """Mark the listed tests."""
+    names = {one: listed(one) for one in LISTS}
     for item in items:
-        if item.nodeid in long:
-            item.add_marker(pytest.mark.slow)
+        for one in LISTS:
+            if item.nodeid in names[one]:
+                item.add_marker(one)
 
 
 def seconds(junit: Path) -> dict[str, float]:
@@ -65,7 +68,11 @@ def lines(data: CoverageData) -> dict[str, set[tuple[str, int]]]:
     return result
 
 
-def chosen(times: dict[str, float], executed: dict[str, set[tuple[str, int]]]) -> list[str]:
+def chosen(
+    times: dict[str, float],
+    executed: dict[str, set[tuple[str, int]]],
+    seconds_per_line: float = SECONDS_PER_LINE,
+) -> list[str]:
     """Node ids of tests that the quick run can do without, the longest first."""
     imported = executed.get("", set())
     left = Counter(line for name, some in executed.items() if name for line in some - imported)
@@ -75,7 +82,7 @@ def chosen(times: dict[str, float], executed: dict[str, set[tuple[str, int]]]) -
             continue
         own = executed[name] - imported
         alone = sum(left[line] == 1 for line in own)
-        if alone * SECONDS_PER_LINE <= (times[name] if times[name] >= LONG_S else 0.0):
+        if alone * seconds_per_line <= times[name]:
             left.subtract(own)
             long.append(name)
     return long
@@ -85,5 +92,5 @@ if __name__ == "__main__":
     data = CoverageData(sys.argv[1])
     data.read()
     head = f"# Chosen by {Path(__file__).name}, which says how.\n"
-    names = listed().union(chosen(seconds(Path(sys.argv[2])), lines(data)))
-    LIST.write_text(head + "".join(f"{name}\n" for name in sorted(names)))
+    names = listed("medium").union(chosen(seconds(Path(sys.argv[2])), lines(data)))
+    LISTS["medium"].write_text(head + "".join(f"{name}\n" for name in sorted(names)))
