@@ -175,7 +175,7 @@ class Stages:
         options = dict(self.options) | self.entry.pooled
         if build_problem(self.entry, options, data)[0].dim == self.plain.dim:
             options = dict(self.options)
-        options |= self.entry.coarser
+        options = self.entry.coarser | options
         if options == self.options:
             return self.plain
         return build_problem(self.entry, options, data)[0]

@@ -13,6 +13,7 @@ from numpyro.distributions import constraints
 from numpyro.distributions.util import validate_sample
 from numpyro.util import is_prng_key
 
+from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.modelling import nutation
 from lcbayes.modelling.correlated_noise import ornstein_uhlenbeck
@@ -171,7 +172,14 @@ def scatter(data: Epochs, median: float, log_sd: float = 1.0) -> jax.Array:
 
     It is √(error² + sigma²) with ``sigma`` ~ LogNormal(ln median, log_sd), in magnitudes for
     magnitudes and relative to a curve's mean for fluxes. It is sigma if the file gives no errors.
+
+    Raises
+    ------
+    InputError
+        The median is negative.
     """
+    if median < 0:
+        raise InputError(f"scatter is {median:g}; give the median of its prior, or 0 for none")
     sigma = jnp.exp(numpyro.sample("log_sigma", dist.Normal(np.log(median), log_sd)))
     numpyro.deterministic("sigma", sigma)
     sd = (sigma * data.noise_unit)[data.curve]

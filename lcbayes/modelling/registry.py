@@ -28,7 +28,8 @@ model is shown to the user. The report recognises standard site names (``albedo_
     sites are a subset of those of the full model. Its solutions are the starting points of the
     search with the full model; the other sites start at their prior means.
 ``COARSER``
-    Values of options with which the same model costs less and is less exact, for the search.
+    Values of options, unless they are given, with which the model costs less and is less exact,
+    for the search.
 ``coordinates(data, **options)``
     Transforms {site: Transform} to coordinates in which the posterior is easier to sample; a tuple
     of sites has one together.

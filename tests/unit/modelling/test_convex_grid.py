@@ -8,6 +8,7 @@ import pytest
 from numpyro import handlers
 from scipy.spatial.transform import Rotation
 
+from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Silent
 from lcbayes.data.lightcurve import LightCurve
@@ -22,6 +23,7 @@ from lcbayes.models import convex_grid
 from lcbayes.physics import brightness
 from lcbayes.physics.attitude import rotations
 from lcbayes.physics.bodies import facets
+from lcbayes.samplers.settings import Settings
 from tests.helpers.asteroids import PERIOD_H, POLE_DEG, SMALL, observed, unit
 
 
@@ -32,6 +34,17 @@ def problem(curve: LightCurve, **options) -> tuple[Problem, Epochs]:
 
 def start(data: Epochs, **changes):
     return convex_grid.starts(data, jax.random.key(0), **SMALL)[7] | changes
+
+
+@pytest.mark.parametrize(("given", "searched"), [({}, 2.4), ({"roughness": 1.0}, 1.0)])
+def test_the_search_knows_the_roughness_unless_it_is_given(given, searched):
+    options = {k: v for k, v in SMALL.items() if k != "n_quadrature"} | given
+    model, data = problem(observed(), **options)
+    entry = registry.find("convex-grid")
+    stages = fit.Stages.of(model, entry, options, Settings(), Checkpoint(None, {}), Silent())
+    bound = stages.simpler(data).model
+    assert isinstance(bound, partial)
+    assert bound.keywords == {"n_quadrature": 300} | options | {"roughness": searched}
 
 
 def test_a_sphere_is_constant_at_constant_phase_angle():

@@ -9,6 +9,7 @@ import pytest
 from numpyro import handlers
 from scipy import stats
 
+from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jnp
 from lcbayes.modelling import likelihood
 from lcbayes.modelling.epochs import Epochs
@@ -132,6 +133,12 @@ def test_unknown_noise_is_relative_to_each_curve():
     want += stats.norm.logpdf(np.log(0.05), np.log(0.03), 1.0) + stats.norm.logpdf(unit).sum()
     got = log_joint(data, flux, log_sigma=jnp.log(0.05), noise_unit=jnp.asarray(unit))
     np.testing.assert_allclose(got, want)
+
+
+def test_a_negative_scatter_is_refused():
+    data, flux = two_curves(free=False)
+    with pytest.raises(InputError, match=r"scatter is -1; give the median of its prior, or 0"):
+        handlers.seed(likelihood.observe, 0)(data, flux, scatter_median=-1.0)
 
 
 def test_unknown_law_is_refused():
