@@ -41,7 +41,7 @@ def test_all_tests_together_fail_by_chance_once_in_a_thousand_runs(request):
     declared = request.config.stash[false_alarms.COLLECTED]
     assert declared < false_alarms.MOST
     some = any(item.get_closest_marker("statistical") for item in request.session.items)
-    assert (declared > 0.0) == some
+    assert declared > 0.0 or not some  # those deselected were collected too
 
 
 def test_tests_that_speak_of_chance_declare_its_rate():
