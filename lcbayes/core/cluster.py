@@ -209,6 +209,15 @@ def _require_lcbayes(client: Any) -> None:
         )
 
 
+def _gone() -> tuple[type[Exception], ...]:
+    """What is raised where the cluster, or a result that was there before, is lost.
+
+    A result that is lost is computed again by Dask, perhaps beside a task that kills its worker.
+    """
+    client, scheduler = (import_module(f"distributed.{name}") for name in ("client", "scheduler"))
+    return client.ClosedClientError, scheduler.KilledWorker, OSError
+
+
 _LOST = object()  # in place of a result that was lost with its worker
 
 
@@ -241,7 +250,7 @@ def _dask(
     remaining tasks, as long as the scheduler exists.
     """
     done_by_dask = import_module("distributed").as_completed
-    gone = (import_module("distributed.client").ClosedClientError, OSError)
+    gone = _gone()
     little = import_module("dask.sizeof").sizeof(shared) < MAX_INLINE_BYTES
     supply = _Supply(client, tasks, ahead)
     left: dict[int, tuple] = {}  # submitted, and not done

@@ -9,9 +9,11 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+from lcbayes.core import cluster
 from lcbayes.core.cluster import object_pool, worker_pool
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax
@@ -50,6 +52,18 @@ def test_a_task_is_done_again_when_its_worker_dies_but_not_for_ever(tmp_path):
     assert done == {i: i for i in (0, 1, 3)}
 
 
+def test_a_result_that_is_lost_when_another_task_kills_its_worker_is_computed_again():
+    """Computed again by Dask beside that task, it seems to have killed the worker itself."""
+    scheduler = pytest.importorskip("distributed.scheduler")
+
+    def result() -> None:
+        raise scheduler.KilledWorker("task", None, 2)
+
+    done = SimpleNamespace(status="finished", result=result)
+    lost = cluster._outcome(done, keep_going=True, last=False, gone=cluster._gone())
+    assert lost is cluster._LOST
+
+
 WITHOUT = """
 import sys
 sys.modules["lcbayes"] = None
@@ -61,8 +75,8 @@ main([sys.argv[1], "--no-nanny", "--no-dashboard"])
 def test_workers_without_lcbayes_are_reported():
     """They would wait for tasks that they cannot read, and the user for them."""
     distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(n_workers=0, dashboard_address=":0", silence_logs=50) as cluster:
-        address = cluster.scheduler_address
+    with distributed.LocalCluster(n_workers=0, dashboard_address=":0", silence_logs=50) as local:
+        address = local.scheduler_address
         worker = subprocess.Popen(
             [sys.executable, "-c", WITHOUT, address], stderr=subprocess.DEVNULL
         )
