@@ -156,7 +156,9 @@ def six_nights(tmp_path):
 def test_an_asteroid_without_a_period_is_scanned_over_all_usual_ones(six_nights):
     path, _ = six_nights
     result = lcbayes.look(path)
-    assert not result.content["periods"]["significant"]
+    periods = result.content["periods"]
+    assert periods is not None
+    assert not periods["significant"]
     suited = [shlex.split(one["command"]) for one in result.content["commands"] if one["suits"]]
     scan, fit = suited
     assert scan[1:3] == ["scan", str(path)]
@@ -169,7 +171,7 @@ def test_that_scan_finds_the_period(six_nights):
     path, case = six_nights
     result = lcbayes.scan(path, period_range=(2.0, 1000.0), first_stage="periodogram", n_sky=0)
     best = result.content["solutions"][0]
-    assert best["period_h"] == pytest.approx(case.period_h, rel=1e-4)
+    assert best.get("period_h") == pytest.approx(case.period_h, rel=1e-4)
 
 
 def test_periods_that_explain_nearly_as_much_are_named_with_the_scan():
