@@ -212,7 +212,8 @@ def _require_lcbayes(client: Any) -> None:
 def _gone() -> tuple[type[Exception], ...]:
     """What is raised where the cluster, or a result that was there before, is lost.
 
-    A result that is lost is computed again by Dask, perhaps beside a task that kills its worker.
+    Dask computes a lost result again, perhaps beside a task that kills its worker, and then blames
+    the result's task for that death.
     """
     client, scheduler = (import_module(f"distributed.{name}") for name in ("client", "scheduler"))
     return client.ClosedClientError, scheduler.KilledWorker, OSError

@@ -10,17 +10,20 @@ ROOT = Path(__file__).parents[2]
 
 
 def test_the_longest_of_equal_tests_leaves():
-    lines = {name: {("file", n) for n in numbers} for name, numbers in CASES.items()}
-    # "a" has line 3 alone; "b" is in "c" and "d"; without it, "c" has line 2 alone; "e" is short.
+    lines = {
+        name: {("file", 10 * n + k) for n in numbers for k in range(10)}
+        for name, numbers in CASES.items()
+    }
+    # Tens of lines: "a" has 3 alone; "b" is in "c" and "d"; without it, "c" has 2 alone.
     times = {"a": 1.9, "b": 1.5, "c": 1.4, "d": 1.3, "e": 0.2}
-    assert quick_run.chosen(times, lines, 2.0) == ["b", "d"]
+    assert quick_run.chosen(times, lines) == ["b", "d"]
     assert quick_run.chosen({"unknown": 9.0}, lines) == []
 
 
 def test_a_long_test_leaves_for_few_lines():
-    lines = {"a": {("file", n) for n in range(10)}, "b": {("file", n) for n in range(6)}}
-    assert quick_run.chosen({"a": 2.7, "b": 0.1}, lines, 0.7) == []  # four lines of its own
-    assert quick_run.chosen({"a": 2.9, "b": 0.1}, lines, 0.7) == ["a"]
+    lines = {"a": {("file", n) for n in range(20)}, "b": {("file", n) for n in range(6)}}
+    assert quick_run.chosen({"a": 2.7, "b": 0.1}, lines) == []  # fourteen lines of its own
+    assert quick_run.chosen({"a": 2.9, "b": 0.1}, lines) == ["a"]
 
 
 CASES = {"": [0], "a": [0, 3], "b": [1, 2], "c": [0, 1, 2], "d": [1], "e": [1]}

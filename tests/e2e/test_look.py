@@ -166,6 +166,24 @@ def test_an_asteroid_without_a_period_is_scanned_over_all_usual_ones(six_nights)
     assert fit[3:] == ["--model", "convex-grid", "--start-from", "scan", "-o", "out"]
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"frame": "icrs"},  # which the first stage of that scan refuses
+        {"t": np.linspace(0.0, 100 * 86400.0, 300)},
+    ],
+)
+def test_another_curve_without_a_period_needs_a_range(six_nights, change):
+    path, _ = six_nights
+    result = lcbayes.look(path)
+    facts = dict(result.content) | {"span_s": 1e8}
+    curve = replace(result.curve, **change)
+    listed = {one.command.split()[1]: one for one in advise(curve, facts, result.data)}
+    assert "--period-range FROM,TO" in listed["scan"].command
+    assert not listed["scan"].suits
+    assert "--period HOURS" in listed["fit"].command
+
+
 @pytest.mark.slow
 def test_that_scan_finds_the_period(six_nights):
     path, case = six_nights

@@ -1,4 +1,4 @@
-"""The tests that `make test` leaves to `make test-more` because others execute their lines.
+"""The tests that `make test` leaves to `make test-more`, since others execute most of their lines.
 
     python -m tests.helpers.quick_run COVERAGE_FILE JUNIT_FILE
 
@@ -10,8 +10,9 @@ Both files are of one run, with nothing else on the machine and no program compi
 From the longest to the shortest, a test is listed in ``medium_tests.txt`` if it takes more than
 `SECONDS_PER_LINE` for each line of the package that no test outside the list executes. The quick
 run therefore covers nearly the same lines. The tests that are listed already do not take part in
-the run and stay listed, among them, by hand, those that share a long fixture; empty the list to
-start again. The tests of ``long_tests.txt`` are left to `make test-all`.
+the run and stay listed; empty the list to start again. Tests that share a long fixture, and others
+of more than two seconds, have been added by hand until the quick run took six minutes. The tests of
+``long_tests.txt`` are left to `make test-all`.
 """
 
 from __future__ import annotations
@@ -68,11 +69,7 @@ def lines(data: CoverageData) -> dict[str, set[tuple[str, int]]]:
     return result
 
 
-def chosen(
-    times: dict[str, float],
-    executed: dict[str, set[tuple[str, int]]],
-    seconds_per_line: float = SECONDS_PER_LINE,
-) -> list[str]:
+def chosen(times: dict[str, float], executed: dict[str, set[tuple[str, int]]]) -> list[str]:
     """Node ids of tests that the quick run can do without, the longest first."""
     imported = executed.get("", set())
     left = Counter(line for name, some in executed.items() if name for line in some - imported)
@@ -82,7 +79,7 @@ def chosen(
             continue
         own = executed[name] - imported
         alone = sum(left[line] == 1 for line in own)
-        if alone * seconds_per_line <= times[name]:
+        if alone * SECONDS_PER_LINE <= times[name]:
             left.subtract(own)
             long.append(name)
     return long

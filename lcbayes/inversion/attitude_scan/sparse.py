@@ -23,6 +23,7 @@ from lcbayes.inversion.attitude_scan.harmonics import (
     nights_of,
     shape_columns,
 )
+from lcbayes.inversion.attitude_scan.limits import PERIODS_H, unsuited
 from lcbayes.inversion.attitude_scan.periodogram import periodogram, weights
 from lcbayes.inversion.attitude_scan.points import Points
 from lcbayes.inversion.attitude_scan.result import Table
@@ -32,7 +33,6 @@ from lcbayes.inversion.attitude_scan.spin import Ends
 
 Floats = NDArray[np.float64]
 
-PERIODS_H = (2.0, 1000.0)  # searched if no range is given
 STEP = 0.25  # between frequencies, in turns over the data
 LEVEL = 2  # of the grid of poles: 192
 KEPT, KEPT_FREQUENCIES = 512, 2048  # hypotheses of the periodogram whose evidence is computed, and
@@ -42,7 +42,7 @@ ROUNDS, CLASS_ROUNDS, CLASS_CELLS = 2, 3, 32  # divisions where the posterior is
 SAME_PERIOD, SAME_TURNS = 1.0, 0.5  # turns over the data: of one period, and of one solution
 SAME_POLE = 30.0  # degrees, of one solution
 LISTED = 1e-3  # smallest probability of a solution that is reported
-MOST_POINTS, SHORTEST_S, PER_NIGHT = 2000, 200 * DAY_S, 8.0  # of sparse points
+PER_NIGHT = 8.0  # sparse points
 ROWS = 20_000  # of the table of hypotheses
 SMALLEST_WEIGHT = 0.05  # of an outlier
 ANGLES = 64  # of a turn, for the amplitude
@@ -100,8 +100,7 @@ def is_sparse(curve: LightCurve) -> bool:
     nights = int(nights_of(np.asarray(curve.t), curve.curve).max()) + 1
     return (
         curve.frame == "ecliptic-j2000"
-        and curve.n_obs <= MOST_POINTS
-        and float(np.ptp(curve.t)) > SHORTEST_S
+        and not unsuited(curve)
         and curve.n_obs <= PER_NIGHT * nights
         and curve.n_obs > PER_NIGHT * curve.n_curves
     )

@@ -17,11 +17,10 @@ from lcbayes.core.time_limit import check_time
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.attitude_scan import engine, sparse, verdict
 from lcbayes.inversion.attitude_scan.harmonics import SparsePoints
+from lcbayes.inversion.attitude_scan.limits import unsuited
 from lcbayes.inversion.attitude_scan.points import Points
 from lcbayes.inversion.attitude_scan.result import AttitudeScan, Solution
 from lcbayes.inversion.attitude_scan.solutions import Geometry
-
-FEWEST = 10  # points; the phase law and the shape have some twenty coefficients with priors
 
 
 @dataclass(frozen=True)
@@ -60,7 +59,8 @@ def rows_of(curve: LightCurve, effort: Effort) -> tuple[list[dict[str, Any]], li
     OutOfTime
         The limit of `core.time_limit` has passed.
     """
-    _check(curve)
+    if why := unsuited(curve):
+        raise InputError(why)
     few = SparsePoints.of(curve)
     found = sparse.search(few, effort.period_range_h, effort.step)
     spins = found.spins[: effort.keep]
@@ -104,22 +104,6 @@ def rows_of(curve: LightCurve, effort: Effort) -> tuple[list[dict[str, Any]], li
 
 
 _POLE = ("pole_lon_deg", "pole_lat_deg")
-
-
-def _check(curve: LightCurve) -> None:
-    if curve.n_obs < FEWEST:
-        raise InputError(f"there are {curve.n_obs} points; a period needs at least {FEWEST}")
-    if curve.n_obs > sparse.MOST_POINTS:
-        raise InputError(
-            f"there are {curve.n_obs} points, and at most {sparse.MOST_POINTS} are sparse; use "
-            "lcbayes scan, or average them (--average)"
-        )
-    span = float(np.ptp(curve.t))
-    if not span > sparse.SHORTEST_S:
-        raise InputError(
-            f"the points cover {span / DAY_S:.3g} days, and sparse points need more than "
-            f"{sparse.SHORTEST_S / DAY_S:.0f}; use lcbayes scan"
-        )
 
 
 def _scan(curve: LightCurve, effort: Effort, found: sparse.SparseSearch) -> AttitudeScan:

@@ -12,6 +12,7 @@ import numpy as np
 from lcbayes.core.constants import DAY_S, HOUR_S
 from lcbayes.core.text import join_words
 from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inversion.attitude_scan.limits import PERIODS_H, unsuited
 from lcbayes.inversion.spin.candidates import Candidates
 from lcbayes.inversion.spin.sidereal import MIN_PASSES
 from lcbayes.inversion.spin.windows import MIN_CYCLES
@@ -25,8 +26,7 @@ BODY_S = 250.0  # of the search for the motion of a body of known parts
 BODY_EPOCH_S = 2.0  # of the chains, for each epoch
 SCAN_STEP_S = 1.5e-8  # per epoch and facet of a step of a hypothesis
 SCAN_POLES, SCAN_STEPS, SCAN_FACETS = 12, 20, 150  # of the screening of a period
-BLIND_H = "2,1000"  # periods of asteroids that are scanned where none is detected
-BLIND_S, BLIND_POINT_S = 60.0, 0.2  # of that scan by a periodogram, and for each point
+BLIND_S, BLIND_POINT_S = 60.0, 0.2  # of a scan of all usual periods, and for each point
 COST = (
     f"rough, on one core: {START_S:.0f} s to compile and search, and for a fit "
     f"{GRADIENTS / 1000:.0f} thousand gradients of {GRADIENT_S * 1e9:.0f} ns per epoch and facet, "
@@ -79,6 +79,12 @@ class Known:
     asteroid: bool
     low: bool
     sampled_passes: int
+
+    @property
+    def blind(self) -> bool:
+        """Whether its period can be searched among all usual ones of asteroids."""
+        asteroid = self.asteroid and self.curve.frame == "ecliptic-j2000"
+        return asteroid and self.period is None and not unsuited(self.curve)
 
 
 def advise(curve: LightCurve, facts: dict[str, Any], candidates: Candidates | None) -> list[Advice]:
@@ -178,9 +184,11 @@ def _asteroid(known: Known) -> Iterator[Advice]:
         return
     why = "curves of a distant object over months or years"
     words = ["--model", "convex-grid"]
-    if known.period is None:
+    if known.blind:
         words += ["--start-from", "scan"]
         why += "; after the scan, or with --period HOURS where a sidereal period is known"
+    elif known.period is None:
+        words += ["--period", "HOURS"]
     elif _trials(known) > 1.0:
         words += ["--start-from", "scan"]
         why += "; after the scan, because this period is not accurate enough for all of them"
@@ -192,7 +200,7 @@ def _asteroid(known: Known) -> Iterator[Advice]:
 
 
 def _scan(known: Known) -> Iterator[Advice]:
-    if known.asteroid and known.period is None:
+    if known.blind:
         yield _blind_scan(known)
         return
     low, high = _period_range(known)
@@ -230,7 +238,8 @@ def _blind_scan(known: Known) -> Advice:
         "no period is detected in single nights or adjacent ones; all of them together may show it"
     )
     cost = BLIND_S + BLIND_POINT_S * known.curve.n_obs
-    words = ("--period-range", BLIND_H, "--first-stage", "periodogram")
+    periods = ",".join(f"{hours:g}" for hours in PERIODS_H)
+    words = ("--period-range", periods, "--first-stage", "periodogram")
     return _advice(
         known, True, "period, and poles with their bodies", why, "", cost, "scan", *words
     )

@@ -9,6 +9,7 @@ from lcbayes.data.read import read_geometry
 from lcbayes.inference.identity import digest
 from lcbayes.inversion.attitude_scan import engine, sparse
 from lcbayes.inversion.attitude_scan.grid import STEP
+from lcbayes.inversion.attitude_scan.limits import PERIODS_H
 from lcbayes.inversion.attitude_scan.nights import Further
 from lcbayes.inversion.attitude_scan.verdict import summarise
 from lcbayes.results.reasons import reasons
@@ -68,7 +69,7 @@ def scan(curve: LightCurve, options: ScanOptions, context: Context) -> Scan:
     asked = options.period_range
     period_range = None if asked is None else (asked[0], asked[1])
     if sparse_points and period_range is None:
-        period_range = sparse.PERIODS_H
+        period_range = PERIODS_H
     further = None
     if options.nights is not None:
         if not sparse_points:

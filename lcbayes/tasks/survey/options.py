@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from lcbayes.core.options import Options, option
+from lcbayes.inversion.attitude_scan.limits import PERIODS_H
 from lcbayes.tasks.scan.options import between, check_range
 from lcbayes.tasks.task import REQUIRED_FOLDER, Task
 
@@ -35,7 +36,7 @@ class SurveyOptions(Options):
         help="axes of the directions, where the catalogue does not say",
     )
     period_range: tuple[float, ...] = option(
-        (2.0, 1000.0),
+        PERIODS_H,
         unit="hours",
         parse=between,
         metavar="FROM,TO",
