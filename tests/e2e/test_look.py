@@ -153,7 +153,7 @@ def six_nights(tmp_path):
     return tmp_path / "asteroid.lcs", case
 
 
-def test_an_asteroid_without_a_period_is_scanned_over_all_usual_ones(six_nights):
+def test_an_asteroid_without_a_period_is_scanned_over_all_usual_ones(six_nights, tmp_path):
     path, _ = six_nights
     result = lcbayes.look(path)
     periods = result.content["periods"]
@@ -164,6 +164,12 @@ def test_an_asteroid_without_a_period_is_scanned_over_all_usual_ones(six_nights)
     assert scan[1:3] == ["scan", str(path)]
     assert scan[3:] == ["--period-range", "2,1000", "--first-stage", "periodogram", "-o", "scan"]
     assert fit[3:] == ["--model", "convex-grid", "--start-from", "scan", "-o", "out"]
+    result.save(tmp_path / "look")
+    page = result.write_report().read_text(encoding="utf-8")
+    assert (
+        "Curves of a distant object over months or years; after the scan, or with --period HOURS"
+        in page
+    )
 
 
 @pytest.mark.parametrize(
