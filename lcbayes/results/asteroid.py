@@ -40,7 +40,7 @@ QUANTITIES = {
     "ellipsoid_ab": "axis ratio a/b of the dynamically equivalent ellipsoid",
     "ellipsoid_bc": "axis ratio b/c of the dynamically equivalent ellipsoid",
     "volume": "volume ÷ volume of the sphere with the same albedo-area",
-    "inertia_tilt_deg": "angle between the axis of largest inertia and the spin axis, deg",
+    "inertia_tilt_deg": "angle between the axis of largest inertia and the spin axis (deg)",
     "inertia_deficit": "1 − (moment of inertia about the spin axis ÷ largest moment)",
 }
 

@@ -49,7 +49,8 @@ def _of_body(curve: LightCurve, entry: Entry, options: Mapping[str, Any]) -> Ite
         yield from _of_known_spin(curve, options)
     elif model == "convex-grid":
         yield "The body is convex, and spins about a fixed axis of its own."
-        yield f"Its sidereal period is near {options['period']} h; other periods were not searched."
+        near = _shown(options["period"])
+        yield f"Its sidereal period is near {near} h; other periods were not searched."
     elif model == "body":
         yield from _of_known_body(options)
         yield from _of_known_spin(curve, options)
@@ -140,10 +141,15 @@ def _of_nutation(values: Mapping[str, Any]) -> Iterator[str]:
         )
 
 
+def _shown(value: Any) -> str:
+    """The value of an option; ten digits of a number, since one that is handed over has more."""
+    return f"{value:.10g}" if isinstance(value, float) else str(value)
+
+
 def _of_data(curve: LightCurve, entry: Entry, options: Mapping[str, Any]) -> Iterator[str]:
     short = {k: v for k, v in options.items() if "\n" not in str(v)}
     if short:
-        yield "Options: " + ", ".join(f"{k} = {v}" for k, v in sorted(short.items())) + "."
+        yield "Options: " + ", ".join(f"{k} = {_shown(v)}" for k, v in sorted(short.items())) + "."
     if np.any(curve.free_scale):
         n = int(np.sum(curve.free_scale))
         yield f"The scale of {n} of {curve.n_curves} curves is unknown and inferred."

@@ -138,6 +138,11 @@ def test_the_sparse_prior_is_refused_where_it_has_no_meaning(options, said):
         ),
         ("convex-grid", {"period": 5.8}, ["Its sidereal period is near 5.8 h"]),
         (
+            "convex-grid",
+            {"period": 9.213700368920003},
+            ["Its sidereal period is near 9.213700369 h", "Options: period = 9.213700369."],
+        ),
+        (
             "body",
             {"body": "rocket-stage", "spin": "free"},
             [
