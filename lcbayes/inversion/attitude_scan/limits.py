@@ -1,11 +1,16 @@
-"""What a search of all usual periods of an asteroid needs, and what it searches; without JAX."""
+"""What a search of all usual periods of an asteroid needs, and what it searches.
+
+The options of the command line take the range from here, so this imports no heavy library.
+"""
 
 from __future__ import annotations
 
-import numpy as np
+from typing import TYPE_CHECKING
 
 from lcbayes.core.constants import DAY_S
-from lcbayes.data.lightcurve import LightCurve
+
+if TYPE_CHECKING:
+    from lcbayes.data.lightcurve import LightCurve
 
 PERIODS_H = (2.0, 1000.0)  # searched if no range is given
 FEWEST = 10  # points; the phase law and the shape have some twenty coefficients with priors
@@ -21,7 +26,7 @@ def unsuited(curve: LightCurve) -> str:
             f"there are {curve.n_obs} points, and at most {MOST_POINTS} are sparse; use "
             "lcbayes scan, or average them (--average)"
         )
-    span = float(np.ptp(curve.t))
+    span = float(curve.t.max() - curve.t.min())
     if not span > SHORTEST_S:
         return (
             f"the points cover {span / DAY_S:.3g} days, and sparse points need more than "
