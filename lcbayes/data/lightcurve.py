@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lcbayes.core.constants import DAY_S
 from lcbayes.core.errors import InputError, RowError
+from lcbayes.geometry.times import date
 
 if TYPE_CHECKING:
     import pandas as pd  # pyright: ignore[reportMissingTypeStubs]
@@ -213,6 +215,15 @@ class LightCurve:
     def curve_titles(self) -> tuple[str, ...]:
         """Each group as pages and messages name it; unnamed groups are numbered from 1."""
         return curve_titles(self.curve_names)
+
+    @property
+    def dated_titles(self) -> tuple[str, ...]:
+        """Titles of the groups with the date of their first point, if the epoch is known."""
+        if self.epoch_jd is None:
+            return self.curve_titles
+        first = [self.t[self.curve == k].min() for k in range(self.n_curves)]
+        days = [date(self.epoch_jd + float(t) / DAY_S) for t in first]
+        return tuple(f"{x} ({day})" for x, day in zip(self.curve_titles, days, strict=True))
 
     @property
     def geometry_only(self) -> bool:

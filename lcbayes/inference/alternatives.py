@@ -86,24 +86,14 @@ def names_of(curve: LightCurve) -> dict[str, tuple[str, ...]]:
     return {
         "observers": seen_by.names,
         "calibrations": calibrations(curve, seen_by).names,
-        "curves": _curves(curve),
+        "curves": curve.dated_titles,
         "apparitions": _dated_apparitions(curve),
     }
 
 
-def _curves(curve: LightCurve) -> tuple[str, ...]:
-    """Each curve with the date of its first point."""
-    names = []
-    for k, title in enumerate(curve.curve_titles):
-        first = float(curve.t[curve.curve == k].min())
-        dated = curve.epoch_jd and f" ({date(curve.epoch_jd + first / DAY_S)})"
-        names.append(f"{title}{dated or ''}")
-    return tuple(names)
-
-
 def _dated_apparitions(curve: LightCurve) -> tuple[str, ...]:
     """Each apparition of each curve by its first and last day, in the order of `split`."""
-    names = _curves(curve)
+    names = curve.dated_titles
     labels = []
     for rows in split(curve.t, curve.curve, APPARITION):
         first, last = (float(curve.t[rows[i]]) / DAY_S for i in (0, -1))

@@ -20,6 +20,7 @@ from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.albedo_area.kernel import Material
 from lcbayes.inversion.albedo_area.observed import linear_flux
 from lcbayes.inversion.attitude_scan import nights, search, sparse, stabilised
+from lcbayes.inversion.attitude_scan.contradiction import contradiction
 from lcbayes.inversion.attitude_scan.faceted import polish
 from lcbayes.inversion.attitude_scan.grid import Grid, grid
 from lcbayes.inversion.attitude_scan.harmonics import SparsePoints
@@ -194,6 +195,7 @@ def _sparse_spins(
     assert settings.period_range_h is not None
     with _timed(scan, "screen_s"), progress.stage("periodogram", 1, "object") as track:
         periods = sparse.search(sparse_points, settings.period_range_h, 0.5 * settings.period_step)
+        scan.contradiction = contradiction(sparse_points, periods.cells)
         track.advance(1)
     scan.n_periods, scan.n_ranked = len(periods.frequencies), periods.n_ranked
     scan.period_probability = periods.period_probability

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from lcbayes.core.blocks import together
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.core.threads import single_threaded_blas
 from lcbayes.core.time_limit import check_time
 from lcbayes.inversion.attitude_scan import sphere_cells
 from lcbayes.inversion.attitude_scan.harmonics import (
@@ -28,7 +29,7 @@ from lcbayes.inversion.attitude_scan.spin import tilts
 Floats = NDArray[np.float64]
 
 ROUNDS, CLASS_ROUNDS = 3, 2  # of reweighting, and of the noise level of a class
-BATCH = 256, 1024  # spins at once, on a CPU and on an accelerator
+BATCH = 32, 1024  # spins at once, on a CPU and on an accelerator
 PRIOR_NIGHTS = 4.0  # weight of the prior of the error that a night shares, in nights
 DIVIDED = 64  # cells divided at once
 MASS = 3e-3  # share of the posterior below which a cell is not divided
@@ -108,23 +109,25 @@ def _fit(points: SparsePoints, x: jax.Array, every: Normal) -> tuple[Fits, Sums]
     mean, known, count = every.mean, every.precision, used @ group
     real = jnp.any(night > 0, axis=0)  # columns that only fill the array have no night
     n_nights = jnp.sum(real)
+    at, sums_of = points.night_index, points.night_sums
     noise0 = PRIOR_POINTS * points.noise**2
 
     def solved(heavy: Any, scale: Any, tau: Any) -> tuple[jax.Array, ...]:
         """Coefficients and errors of nights at given levels, and what their variances need."""
         w = used * heavy / (points.error * (group @ scale)) ** 2
-        inside = w @ night + tau**-2.0
-        means = (night.T @ (w[:, None] * x)) / inside[:, None]
-        own = x - night @ means  # the errors of nights are eliminated
+        inside = sums_of(w) + tau**-2.0
+        means = sums_of(w[:, None] * x) / inside[:, None]
+        own = x - means[at]  # the errors of nights are eliminated
         covariance = jnp.linalg.inv(x.T @ (w[:, None] * own) + known)
         found = covariance @ (own.T @ (w * y) + known @ mean)
-        shared = (night.T @ (w * (y - x @ found))) / inside
-        return found, shared, y - x @ found - night @ shared, inside, means, own, covariance
+        residual = y - x @ found
+        shared = sums_of(w * residual) / inside
+        return found, shared, residual - shared[at], inside, means, own, covariance
 
     def again(_: Any, state: tuple[Any, ...]) -> tuple[Any, ...]:
         heavy, scale, tau = state
         shared, residual, inside, means, own, covariance = solved(heavy, scale, tau)[1:]
-        spread = jnp.sum((own @ covariance) * own, axis=1) + night @ (1.0 / inside)
+        spread = jnp.sum((own @ covariance) * own, axis=1) + (1.0 / inside)[at]
         squares = (residual**2 + spread) / points.error**2
         level = group.T @ (used * heavy * squares) + noise0
         scale = jnp.sqrt(level / (count + PRIOR_POINTS))
@@ -147,7 +150,7 @@ def _fit(points: SparsePoints, x: jax.Array, every: Normal) -> tuple[Fits, Sums]
     value -= 0.5 * (found - mean) @ known @ (found - mean) - 0.5 * every.log_det
     value += 0.5 * jnp.linalg.slogdet(covariance)[1]
     w = used * heavy / sigma**2
-    less = y - night @ ((night.T @ (w * y)) / inside)
+    less = y - (sums_of(w * y) / inside)[at]
     sums = Sums(
         x.T @ (w[:, None] * own),
         own.T @ (w * y),
@@ -221,11 +224,13 @@ def class_evidence(
 def _batches(function: Any, points: SparsePoints, poles: Floats, frequencies: Floats) -> list:
     parts = []
     on_device, size = jax.tree.map(jnp.asarray, points), together(*BATCH)
-    for i in range(0, len(poles), size):
-        check_time()
-        rows = np.resize(np.arange(i, min(i + size, len(poles))), size)
-        part = function(on_device, jnp.asarray(tilts(poles[rows])), jnp.asarray(frequencies[rows]))
-        parts.append([np.asarray(x)[: len(poles) - i] for x in part])
+    with single_threaded_blas:  # matrices of some forty rows
+        for i in range(0, len(poles), size):
+            check_time()
+            rows = np.resize(np.arange(i, min(i + size, len(poles))), size)
+            spins = jnp.asarray(tilts(poles[rows])), jnp.asarray(frequencies[rows])
+            part = function(on_device, *spins)
+            parts.append([np.asarray(x)[: len(poles) - i] for x in part])
     return [np.concatenate(x) for x in zip(*parts, strict=True)]
 
 

@@ -83,6 +83,15 @@ class SparsePoints(NamedTuple):
     noise: Any
     span: Any
 
+    @property
+    def night_index(self) -> jax.Array:
+        """The night of each point (T,); of a row that only fills the arrays, the first."""
+        return jnp.argmax(jnp.asarray(self.night), axis=1)
+
+    def night_sums(self, values: ArrayLike) -> jax.Array:
+        """Sums (M, …) of values (T, …) over the points of each night."""
+        return jax.ops.segment_sum(jnp.asarray(values), self.night_index, self.night.shape[1])
+
     @classmethod
     def of(cls, curve: LightCurve) -> SparsePoints:
         """The points of a light curve; every curve has its own offset and noise level.

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from lcbayes.core.blocks import together
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.levenberg_marquardt import Controls, Quadratic, levenberg_marquardt
+from lcbayes.core.threads import single_threaded_blas
 from lcbayes.core.time_limit import check_time
 from lcbayes.inversion.attitude_scan import evidence, sphere_cells
 from lcbayes.inversion.attitude_scan.evidence import Cells
@@ -187,12 +188,13 @@ def _batches(
 ) -> Any:
     parts, on_device = [], jax.tree.map(jnp.asarray, points)
     tilt, size = tilts(poles), together(*BATCH)
-    for i in range(0, len(poles), size):
-        check_time()
-        rows = np.resize(np.arange(i, min(i + size, len(poles))), size)
-        given = tilt[rows], frequencies[rows], noise.rows(rows)
-        part = function(on_device, *jax.tree.map(jnp.asarray, given))
-        parts.append([np.asarray(x)[: len(poles) - i] for x in part])
+    with single_threaded_blas:  # matrices of some forty rows
+        for i in range(0, len(poles), size):
+            check_time()
+            rows = np.resize(np.arange(i, min(i + size, len(poles))), size)
+            given = tilt[rows], frequencies[rows], noise.rows(rows)
+            part = function(on_device, *jax.tree.map(jnp.asarray, given))
+            parts.append([np.asarray(x)[: len(poles) - i] for x in part])
     return tuple(np.concatenate(x) for x in zip(*parts, strict=True))
 
 
@@ -243,12 +245,12 @@ def _least(
     bisector, across = in_body(points.bisector), in_body(points.across)
     x = jnp.concatenate([points.fixed, _shape(bisector, across)], axis=1)
     weighed, y = noise.weight[:, None] * x, points.log_flux
-    own = x - points.night @ ((points.night.T @ weighed) / noise.inside[:, None])
+    own = x - (points.night_sums(weighed) / noise.inside[:, None])[points.night_index]
     right = own.T @ (noise.weight * y) + every.precision @ every.mean
     root = jnp.linalg.cholesky(own.T @ weighed + every.precision)
     found = jax.scipy.linalg.cho_solve((root, True), right)
-    shared = (points.night.T @ (noise.weight * y)) / noise.inside
-    squares = noise.weight * y @ (y - points.night @ shared)
+    shared = points.night_sums(noise.weight * y) / noise.inside
+    squares = noise.weight * y @ (y - shared[points.night_index])
     squares += every.mean @ every.precision @ every.mean - right @ found
     return _Least(0.5 * squares, root, found, x, own, bisector, across, cos, sin)
 
@@ -276,7 +278,7 @@ def _model(
     cos, sin, turn = least.cos, least.sin, jnp.pi * points.t / points.span
     rows = jnp.stack([cos * a - sin * b, sin * a + cos * b, turn * c], axis=1)
     weighed = noise.weight[:, None] * rows
-    own = rows - points.night @ ((points.night.T @ weighed) / noise.inside[:, None])
+    own = rows - (points.night_sums(weighed) / noise.inside[:, None])[points.night_index]
     taken = least.own.T @ weighed
     residual = points.log_flux - least.columns @ least.coefficients
     taken_back = jax.scipy.linalg.cho_solve((least.root, True), taken)

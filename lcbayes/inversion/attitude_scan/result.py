@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from lcbayes.core.constants import HOUR_S
 from lcbayes.geometry.spherical import lon_lat_deg
+from lcbayes.inversion.attitude_scan.contradiction import Contradiction
 
 Floats = NDArray[np.float64]
 
@@ -128,6 +129,9 @@ class AttitudeScan:
         Number of spins that the periodogram ranked.
     nights : dict or None
         Of `nights.outlook`.
+    contradiction : Contradiction or None
+        A curve without which another period is the most probable; not in files, whose summary
+        names it.
     """
 
     settings: Any
@@ -149,6 +153,7 @@ class AttitudeScan:
     period_probability: float | None = None
     n_ranked: int = 0
     nights: dict[str, Any] | None = None
+    contradiction: Contradiction | None = None
 
     def resolution_h(self, period_h: float) -> float:
         """P²/T: over the data, closer periods differ by less than one turn of the body."""

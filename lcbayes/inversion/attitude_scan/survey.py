@@ -16,6 +16,7 @@ from lcbayes.core.reasons import Finding
 from lcbayes.core.time_limit import check_time
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.attitude_scan import engine, sparse, verdict
+from lcbayes.inversion.attitude_scan.contradiction import contradiction
 from lcbayes.inversion.attitude_scan.harmonics import SparsePoints
 from lcbayes.inversion.attitude_scan.limits import unsuited
 from lcbayes.inversion.attitude_scan.points import Points
@@ -65,6 +66,7 @@ def rows_of(curve: LightCurve, effort: Effort) -> tuple[list[dict[str, Any]], li
     found = sparse.search(few, effort.period_range_h, effort.step)
     spins = found.spins[: effort.keep]
     scan = _scan(curve, effort, found)
+    scan.contradiction = contradiction(few, found.cells)
     points = Points.of(curve, phase_law_known=False)
     amplitude, rms = sparse.linear_model(few, spins)
     if effort.refine:
@@ -96,7 +98,7 @@ def rows_of(curve: LightCurve, effort: Effort) -> tuple[list[dict[str, Any]], li
             "span_days": float(np.ptp(curve.t)) / DAY_S,
         }
         rows.append(known | ({"chi2": row["chi2"]} if effort.refine else {}))
-    findings = list(verdict.improbable(scan, described))
+    findings = list(verdict.improbable(scan, described, curve))
     if rows[0]["rms"] > verdict.LOOSE:
         misfit = f"residuals are {100 * rows[0]['rms']:.0f} % of the mean flux"
         findings.insert(0, Finding("no-hypothesis-explains-data", {"misfit": misfit, "to": ""}))

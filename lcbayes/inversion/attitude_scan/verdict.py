@@ -59,7 +59,7 @@ def summarise(scan: AttitudeScan, curve: LightCurve) -> tuple[dict[str, Any], li
         },
         "timing": scan.timing,
     }
-    return content, list(_findings(scan, solutions))
+    return content, list(_findings(scan, solutions, curve))
 
 
 def _near_equal(scan: AttitudeScan, limit: float) -> list[bool]:
@@ -93,7 +93,9 @@ def row(s: Solution, scan: AttitudeScan, near_equal: bool) -> dict[str, Any]:
     }
 
 
-def _findings(scan: AttitudeScan, solutions: list[dict[str, Any]]) -> Iterator[Finding]:
+def _findings(
+    scan: AttitudeScan, solutions: list[dict[str, Any]], curve: LightCurve
+) -> Iterator[Finding]:
     best = scan.solutions[0]
     if scan.error_known and best.chi2 > POOR * scan.dof:
         misfit = f"chi2 is {best.chi2 / scan.dof:.1f} per degree of freedom"
@@ -109,7 +111,7 @@ def _findings(scan: AttitudeScan, solutions: list[dict[str, Any]]) -> Iterator[F
     elif scan.error_known and _too_close(best.chi2, scan):
         yield Finding("fit-too-close", {"ratio": best.chi2 / scan.dof})
     if scan.period_probability is not None:
-        yield from improbable(scan, solutions)
+        yield from improbable(scan, solutions, curve)
         return
     near = [s for s in solutions[1:] if s["near_equal"]]
     other = [s for s in near if s["relation"] in (ALIAS, HALF, TWICE, PERIOD)]
@@ -130,8 +132,10 @@ def _findings(scan: AttitudeScan, solutions: list[dict[str, Any]]) -> Iterator[F
         yield Finding("best-hypothesis-once")
 
 
-def improbable(scan: AttitudeScan, solutions: list[dict[str, Any]]) -> Iterator[Finding]:
-    """Findings about a period or pole whose probability is below 0.99."""
+def improbable(
+    scan: AttitudeScan, solutions: list[dict[str, Any]], curve: LightCurve
+) -> Iterator[Finding]:
+    """Findings about a period or pole whose probability is below 0.99, or rests on one curve."""
     assert scan.period_probability is not None
     best = scan.solutions[0]
     assert best.frequency is not None
@@ -147,6 +151,7 @@ def improbable(scan: AttitudeScan, solutions: list[dict[str, Any]]) -> Iterator[
             of_pole += s.probability or 0.0
         else:
             poles.append(f"({row['pole_lon_deg']:.0f}, {row['pole_lat_deg']:+.0f}) degrees")
+    yield from contradicted(scan, curve)
     if scan.period_probability < UNIQUE:
         some = sorted(other, key=lambda name: -other[name])[:NAMED]
         also = ", ".join(f"{name} ({probability(other[name])})" for name in some)
@@ -159,6 +164,21 @@ def improbable(scan: AttitudeScan, solutions: list[dict[str, Any]]) -> Iterator[
         yield Finding("pole-not-calibrated")
     if end := _end_of_range(best.frequency, scan):
         yield Finding("period-at-end-of-range", {"where": end})
+
+
+def contradicted(scan: AttitudeScan, curve: LightCurve) -> Iterator[Finding]:
+    """A finding about the curve that contradicts the others, if there is one."""
+    of = scan.contradiction
+    if of is None:
+        return
+    period_h = 1.0 / (HOUR_S * of.frequency)
+    values = {
+        "curve": curve.dated_titles[of.curve],
+        "period": written_period(period_h, scan.resolution_h(period_h)),
+        "probability": f"probability {probability(of.probability)}",
+        "late": ", and moved in time it fits that as well" if of.late else "",
+    }
+    yield Finding("curve-contradicts", values)
 
 
 def _too_close(chi2: float, scan: AttitudeScan) -> bool:

@@ -319,7 +319,7 @@ def test_scan_of_sparse_points(curve, found, tmp_path):
             period_probability=1.0,
         )
         rows = [result.solutions[0], result.solutions[0] | {"relation": "pole"}]
-        assert [finding.code for finding in verdict.improbable(scan, rows)] == [code]
+        assert [finding.code for finding in verdict.improbable(scan, rows, curve)] == [code]
     again = lcbayes.load(tmp_path / "out")
     assert isinstance(again, Scan)
     assert again.data.period_probability == result.data.period_probability

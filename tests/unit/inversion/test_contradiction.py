@@ -1,0 +1,94 @@
+"""A curve whose times are wrong contradicts the period of the others."""
+
+import numpy as np
+import pytest
+
+from lcbayes.core.reasons import Finding
+from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inversion.attitude_scan import evidence, sphere_cells, verdict
+from lcbayes.inversion.attitude_scan.contradiction import Contradiction, contradiction
+from lcbayes.inversion.attitude_scan.evidence import Cells
+from lcbayes.inversion.attitude_scan.harmonics import SparsePoints
+from lcbayes.inversion.attitude_scan.result import AttitudeScan, Solution
+from lcbayes.results.reasons import reasons
+from lcbayes.results.start import UNCERTAIN_PERIOD
+from tests.helpers import egg_nights
+from tests.helpers.egg_nights import PERIOD_H
+
+LATE = 3  # the curve whose times are wrong
+LEVEL = 2
+
+
+def near_the_period_and_twice_it(points: SparsePoints) -> Cells:
+    """Cells of all poles at frequencies near the true one and half of it."""
+    number, apart = sphere_cells.number(LEVEL), 0.25 / points.span
+    near = [1.0 / (3600.0 * PERIOD_H * k) + apart * np.arange(-2, 3) for k in (1, 2)]
+    frequency = np.concatenate(near)
+    found = evidence.cells(
+        points,
+        np.tile(np.arange(number), len(frequency)),
+        LEVEL,
+        np.repeat(frequency, number),
+        np.full(number * len(frequency), apart),
+    )
+    return evidence.located(points, found)
+
+
+def period_h(frequency: float) -> float:
+    return 1.0 / (3600.0 * frequency)
+
+
+def found(curve: LightCurve) -> tuple[float, Contradiction | None]:
+    """The best period (h), and the curve that contradicts the others."""
+    points = SparsePoints.of(curve)
+    cells = near_the_period_and_twice_it(points)
+    best = float(cells.frequency[np.argmax(cells.log_evidence)])
+    return period_h(best), contradiction(points, cells)
+
+
+def test_curves_with_right_times_agree():
+    best, against = found(egg_nights.observed())
+    assert best == pytest.approx(PERIOD_H, rel=1e-4)
+    assert against is None
+
+
+def test_a_night_an_hour_early_contradicts_the_others():
+    """It makes twice the period the more probable by many nats."""
+    best, against = found(egg_nights.observed(1.0, LATE))
+    assert best == pytest.approx(2.0 * PERIOD_H, rel=1e-3)
+    assert against is not None
+    assert against.curve == LATE
+    assert period_h(against.frequency) == pytest.approx(PERIOD_H, rel=1e-4)
+    assert against.probability > 0.99
+    assert against.late
+
+
+def test_one_curve_has_no_others():
+    curve = egg_nights.observed().select(egg_nights.observed().curve == 7)
+    points = SparsePoints.of(curve)
+    one = np.zeros(1)
+    cells = Cells(one.astype(int), one.astype(int), one + 3e-5, one + 1e-9, one, one)
+    assert contradiction(points, cells) is None
+
+
+@pytest.mark.parametrize("late", [False, True])
+def test_the_verdict_names_the_curve(late):
+    curve = egg_nights.observed()
+    none = np.zeros(0)
+    best = Solution(
+        "constant-rate", 1.0, 0.01, none, np.zeros((0, 3)), none, 1,
+        np.array([0.0, 0.0, 1.0]), 1.0 / (7200.0 * PERIOD_H), probability=1.0,
+    )  # fmt: skip
+    scan = AttitudeScan(
+        None, [best], curve.n_obs, curve.n_obs, False, curve.frame, curve.t, curve.curve, none,
+        period_probability=1.0,
+        contradiction=Contradiction(LATE, 1.0 / (3600.0 * PERIOD_H), 0.99999, late),
+    )  # fmt: skip
+    finding: Finding = next(verdict.contradicted(scan, curve))
+    (reason,) = reasons([finding])
+    assert reason.code == "curve-contradicts"
+    assert reason.code in UNCERTAIN_PERIOD
+    assert reason.text.startswith("curve 4 (20")
+    assert "9.21370 h" in reason.text
+    assert "probability above 0.9999" in reason.text
+    assert ("moved in time" in reason.text) == late
