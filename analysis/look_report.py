@@ -12,6 +12,7 @@ from lcbayes.analysis.numerals import FRAMES, duration, show
 from lcbayes.analysis.pages import environment
 from lcbayes.analysis.small_report import Listing
 from lcbayes.analysis.style import DATA, FAINT, Gallery, colour, drawing
+from lcbayes.core.constants import DAY_S, HOUR_S
 from lcbayes.core.errors import InputError
 from lcbayes.core.version import installed_version
 from lcbayes.data.lightcurve import LightCurve
@@ -22,7 +23,8 @@ if TYPE_CHECKING:
     from lcbayes.results.result import Result
 
 PANELS = 12
-SMALL = 40  # points from which a pass is drawn as dots without a line
+FEW = 5  # points below which a pass has no panel of its own
+SMALL = 40  # points above which a line joins those of a pass
 TWO = 2.0  # turns shown in a folded curve
 
 
@@ -266,38 +268,47 @@ def _scaled(curve: LightCurve) -> tuple[Any, str]:
 
 
 def draw_passes(curve: LightCurve, passes: list[Any], gallery: Gallery) -> None:
-    """Brightness against time, the dozen passes with most points, each with its own time axis."""
-    most = sorted(sorted(range(len(passes)), key=lambda i: -passes[i].size)[:PANELS])
-    columns = min(2, len(most))
-    rows = -(-len(most) // columns)
+    """Brightness against time: the dozen passes with most points, each with its own time axis, and
+    all passes of a few points together."""
+    many = [i for i, at in enumerate(passes) if at.size >= FEW]
+    most = sorted(sorted(many, key=lambda i: -passes[i].size)[:PANELS])
+    panels = [(passes[i], _title(curve, i, passes[i])) for i in most]
+    few = [at for at in passes if at.size < FEW]
+    if few:
+        at = np.concatenate(few)
+        panels.append((at, f"{len(few)} passes of fewer than {FEW} points · {at.size} points"))
+    columns = min(2, len(panels))
+    rows = -(-len(panels) // columns)
     figure = gallery.figure(9.0 if columns > 1 else 8.0, 0.5 + 2.1 * rows)
     grid = np.atleast_1d(figure.subplots(rows, columns)).ravel()
     y, label = _scaled(curve)
-    for axes in grid[len(most) :]:
+    for axes in grid[len(panels) :]:
         axes.set_visible(False)
-    for axes, i in zip(grid, most, strict=False):
-        at = passes[i]
+    for axes, (at, title) in zip(grid, panels, strict=False):
         _draw_pass(axes, curve, at, y)
-        axes.set_title(_title(curve, i, at), loc="left", fontsize=8.5)
-    for axes in grid[: len(most) : columns]:
+        axes.set_title(title, loc="left", fontsize=8.5)
+    for axes in grid[: len(panels) : columns]:
         axes.set_ylabel(label)
-    left = f" The {PANELS} with most points of {len(passes)}." if len(passes) > PANELS else ""
+    left = f" The {PANELS} with most points of {len(many)}." if len(many) > PANELS else ""
+    left += f" Those of fewer than {FEW} points are together in one panel." if few and most else ""
     gallery.add(
         figure,
         "light-curve",
-        f"Light curve of {len(most)} passes.",
-        f"Brightness against time, one panel for each pass or night.{left}",
+        "Light curve.",
+        f"Brightness against time{', one panel for each pass or night' * bool(most)}.{left}",
     )
 
 
 def _draw_pass(axes: Any, curve: LightCurve, at: Any, y: Any) -> None:
     span = float(np.ptp(curve.t[at]))
-    unit, size = ("h", 3600.0) if span > 3 * 3600 else ("min", 60.0) if span > 300 else ("s", 1.0)
+    units = [("d", DAY_S, 3 * DAY_S), ("h", HOUR_S, 3 * HOUR_S), ("min", 60.0, 300.0)]
+    unit, size = next(((name, s) for name, s, least in units if span > least), ("s", 1.0))
     x = (curve.t[at] - curve.t[at[0]]) / size
     if curve.error is not None and at.size <= 300:
         error = curve.error[at] * (y[at[0]] / curve.brightness[at[0]] if y[at[0]] else 1.0)
         axes.errorbar(x, y[at], error, fmt="none", ecolor=FAINT, elinewidth=0.6)
-    axes.plot(x, y[at], "-", color=FAINT, lw=0.5) if at.size > SMALL else None
+    if at.size > SMALL and unit != "d":
+        axes.plot(x, y[at], "-", color=FAINT, lw=0.5)
     axes.plot(x, y[at], "o", ms=2.2, color=DATA, rasterized=at.size > 2000)
     if curve.kind == "mag":
         axes.invert_yaxis()
