@@ -86,6 +86,7 @@ def reason(code: str) -> dict[str, str]:
     [
         (0.6, ["period-not-unique"], "about period-not-unique"),
         (0.995, ["pole-not-unique"], ""),
+        (0.995, ["pole-not-unique", "curve-contradicts"], "about curve-contradicts"),
         (None, ["period-not-unique"], ""),  # the fit follows all spins that fit as well
     ],
 )
