@@ -197,7 +197,7 @@ def main() -> None:
     text = (
         "Periods of 2 to 70 h; two to six nights and two surveys of a body of eight octants. The "
         "times include compilation. A curve is named where another period has a probability of "
-        "0.95 without it; such a result is not trusted.\n\n"
+        "0.99 without it; such a result is not trusted.\n\n"
     )
     rows = [line(fault, stored(fault)[1]) for fault in FAULTS]
     title = "Surveys: a curve with wrong times"

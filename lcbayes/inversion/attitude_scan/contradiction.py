@@ -19,7 +19,8 @@ from lcbayes.inversion.attitude_scan.harmonics import SparsePoints
 Floats = NDArray[np.float64]
 
 PERIODS, POLES = 64, 2  # the best periods, and cells of each, that are compared
-CERTAIN = 0.95  # probability of another period from which a curve contradicts the others
+CERTAIN = 0.99  # probability of another period from which a curve contradicts the others; the
+# same as that from which a period is called unique
 SAME_PERIOD = 1.0  # turns over the data
 PHASES = 24  # of a turn by which a curve is moved
 BETTER = 10.0  # nats by which a moved curve must raise the evidence to be called wrong in time
@@ -42,7 +43,7 @@ class Contradiction:
 
 
 def contradiction(points: SparsePoints, found: Cells) -> Contradiction | None:
-    """The curve without which another period has a probability of at least 0.95.
+    """The curve without which another period has a probability of at least 0.99.
 
     Parameters
     ----------
