@@ -11,10 +11,10 @@ from lcbayes.tasks.look.description import describe
 
 def panels(sizes: list[int]) -> dict[str, int]:
     """Titles and numbers of points of the panels of nights of these sizes."""
-    t = np.concatenate([1e6 * k + 600.0 * np.arange(n) for k, n in enumerate(sizes)])
+    t = np.concatenate([1e6 * k + 600.0 * np.arange(n, dtype=float) for k, n in enumerate(sizes)])
     side = np.tile([1.0, 0.0, 0.0], (len(t), 1))
     curve = LightCurve(
-        t=t, brightness=1.0 + np.arange(len(t)), error=None, sun=side, obs=side, kind="flux"
+        t=t, brightness=1.0 + np.arange(len(t), dtype=float), error=None, sun=side, obs=side, kind="flux"
     )
     passes = describe(curve).passes
     (figure,) = style.figures(lambda gallery: draw_passes(curve, passes, gallery))
