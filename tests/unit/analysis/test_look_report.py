@@ -14,7 +14,12 @@ def panels(sizes: list[int]) -> dict[str, int]:
     t = np.concatenate([1e6 * k + 600.0 * np.arange(n, dtype=float) for k, n in enumerate(sizes)])
     side = np.tile([1.0, 0.0, 0.0], (len(t), 1))
     curve = LightCurve(
-        t=t, brightness=1.0 + np.arange(len(t), dtype=float), error=None, sun=side, obs=side, kind="flux"
+        t=t,
+        brightness=1.0 + np.arange(len(t), dtype=float),
+        error=None,
+        sun=side,
+        obs=side,
+        kind="flux",
     )
     passes = describe(curve).passes
     (figure,) = style.figures(lambda gallery: draw_passes(curve, passes, gallery))
