@@ -97,7 +97,7 @@ def run(
             "nothing to try: give --period HOURS, --period-range FROM,TO or --law NAME "
             "(--law all for the catalogue of stabilised attitudes)"
         )
-    points = _points(curve, settings)
+    points = points_of(curve, settings)
     flux = relative(curve)
     scan = AttitudeScan(
         settings,
@@ -240,7 +240,8 @@ def refined(
     return points, ends
 
 
-def _points(curve: LightCurve, settings: Settings) -> Points:
+def points_of(curve: LightCurve, settings: Settings) -> Points:
+    """The points of a light curve as a scan with these settings reads them."""
     return Points.of(
         curve,
         phase_law_known=not settings.smooth,

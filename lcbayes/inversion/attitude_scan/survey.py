@@ -19,7 +19,6 @@ from lcbayes.inversion.attitude_scan import engine, sparse, verdict
 from lcbayes.inversion.attitude_scan.contradiction import contradiction
 from lcbayes.inversion.attitude_scan.harmonics import SparsePoints
 from lcbayes.inversion.attitude_scan.limits import unsuited
-from lcbayes.inversion.attitude_scan.points import Points
 from lcbayes.inversion.attitude_scan.result import AttitudeScan, Solution
 from lcbayes.inversion.attitude_scan.solutions import Geometry
 
@@ -67,7 +66,7 @@ def rows_of(curve: LightCurve, effort: Effort) -> tuple[list[dict[str, Any]], li
     spins = found.spins[: effort.keep]
     scan = _scan(curve, effort, found)
     scan.contradiction = contradiction(few, found.cells)
-    points = Points.of(curve, phase_law_known=False)
+    points = engine.points_of(curve, scan.settings)
     amplitude, rms = sparse.linear_model(few, spins)
     if effort.refine:
         none = Checkpoint(None, {})
