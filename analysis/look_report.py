@@ -273,10 +273,11 @@ def draw_passes(curve: LightCurve, passes: list[Any], gallery: Gallery) -> None:
     many = [i for i, at in enumerate(passes) if at.size >= FEW]
     most = sorted(sorted(many, key=lambda i: -passes[i].size)[:PANELS])
     panels = [(passes[i], _title(curve, i, passes[i])) for i in most]
-    few = [at for at in passes if at.size < FEW]
+    few = [i for i, at in enumerate(passes) if at.size < FEW]
     if few:
-        at = np.concatenate(few)
-        panels.append((at, f"{len(few)} passes of fewer than {FEW} points · {at.size} points"))
+        at = np.concatenate([passes[i] for i in few])
+        together = f"{len(few)} passes of fewer than {FEW} points · {at.size} points"
+        panels.append((at, together if len(few) > 1 else _title(curve, few[0], at)))
     columns = min(2, len(panels))
     rows = -(-len(panels) // columns)
     figure = gallery.figure(9.0 if columns > 1 else 8.0, 0.5 + 2.1 * rows)
@@ -301,8 +302,7 @@ def draw_passes(curve: LightCurve, passes: list[Any], gallery: Gallery) -> None:
 
 def _draw_pass(axes: Any, curve: LightCurve, at: Any, y: Any) -> None:
     span = float(np.ptp(curve.t[at]))
-    units = [("d", DAY_S, 3 * DAY_S), ("h", HOUR_S, 3 * HOUR_S), ("min", 60.0, 300.0)]
-    unit, size = next(((name, s) for name, s, least in units if span > least), ("s", 1.0))
+    unit, size = _unit(span)
     x = (curve.t[at] - curve.t[at[0]]) / size
     if curve.error is not None and at.size <= 300:
         error = curve.error[at] * (y[at[0]] / curve.brightness[at[0]] if y[at[0]] else 1.0)
@@ -321,7 +321,7 @@ def _title(curve: LightCurve, number: int, at: Any) -> str:
         parts.append(date(curve.epoch_jd + float(curve.t[at[0]]) / 86400, clock=True))
     if site := str(curve.site[at[0]]):
         parts.append(site)
-    return " · ".join([*parts, f"{at.size} points"])
+    return " · ".join([*parts, f"{at.size} point{'s' * (at.size > 1)}"])
 
 
 def draw_phase_angle(curve: LightCurve, passes: list[Any], gallery: Gallery) -> None:
@@ -378,7 +378,9 @@ def draw_periodogram(candidates: Candidates, gallery: Gallery) -> None:
 
 
 def _unit(longest: float) -> tuple[str, float]:
-    return ("h", 3600.0) if longest > 3 * 3600 else ("min", 60.0) if longest > 1800 else ("s", 1.0)
+    """The unit of a time axis of that length (s), and its seconds."""
+    units = [("d", DAY_S, 3 * DAY_S), ("h", HOUR_S, 3 * HOUR_S), ("min", 60.0, 600.0)]
+    return next(((name, size) for name, size, least in units if longest > least), ("s", 1.0))
 
 
 def draw_folded(candidates: Candidates, gallery: Gallery) -> None:

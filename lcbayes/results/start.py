@@ -18,7 +18,7 @@ from lcbayes.results.record import read_record
 from lcbayes.results.store import task_of
 
 SPREAD = 0.01  # relative: half-length of the range about a candidate period
-UNCERTAIN_PERIOD = ("period-not-unique", "curve-contradicts")  # codes of reasons
+UNCERTAIN = ("period-not-unique", "curve-contradicts")  # codes of reasons against a period
 REACH = 5.0  # sd of a sidereal period, if that is more
 
 
@@ -89,7 +89,7 @@ def _doubt(summary: dict[str, Any]) -> str:
     if summary.get("period_probability") is None:
         return ""  # spins that fit as well are all followed by the fit
     reasons: list[Any] = summary.get("reasons") or []
-    return "; ".join(str(r["text"]) for r in reasons if r["code"] in UNCERTAIN_PERIOD)
+    return "; ".join(str(r["text"]) for r in reasons if r["code"] in UNCERTAIN)
 
 
 def candidate_periods(summary: dict[str, Any]) -> list[str]:

@@ -15,13 +15,11 @@ from numpy.typing import NDArray
 from lcbayes.inversion.attitude_scan import evidence
 from lcbayes.inversion.attitude_scan.evidence import Cells
 from lcbayes.inversion.attitude_scan.harmonics import SparsePoints
+from lcbayes.inversion.attitude_scan.sparse import SAME_PERIOD, UNIQUE
 
 Floats = NDArray[np.float64]
 
 PERIODS, POLES = 64, 2  # the best periods, and cells of each, that are compared
-CERTAIN = 0.99  # probability of another period from which a curve contradicts the others; the
-# same as that from which a period is called unique
-SAME_PERIOD = 1.0  # turns over the data
 PHASES = 24  # of a turn by which a curve is moved
 BETTER = 10.0  # nats by which a moved curve must raise the evidence to be called wrong in time
 
@@ -56,7 +54,7 @@ def contradiction(points: SparsePoints, found: Cells) -> Contradiction | None:
     Contradiction or None
         Of the curve with the greatest such probability; None if there is no such curve.
     """
-    n_curves, most = points.group.shape[1], CERTAIN
+    n_curves, most = points.group.shape[1], UNIQUE
     if n_curves == 1:
         return None
     best = evidence.best_of_periods(found, points.span, PERIODS, POLES)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes.core.blocks import together
+from lcbayes.core.blocks import in_blocks, together
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.threads import single_threaded_blas
 from lcbayes.core.time_limit import check_time
@@ -199,7 +199,7 @@ def _classes(fit: Fits, sums: Sums, every: Normal, classes: Normal) -> tuple[jax
 
 def fits(points: SparsePoints, poles: Floats, frequencies: Floats) -> Fits:
     """The linear model at spins with poles (B, 3) and frequencies (B,)."""
-    return Fits(*_batches(_fits, points, poles, frequencies))
+    return in_batches(_fits, points, BATCH, tilts(poles), frequencies)
 
 
 def all_shapes(points: SparsePoints, poles: Floats, frequencies: Floats) -> Floats:
@@ -217,21 +217,22 @@ def class_evidence(
     points: SparsePoints, poles: Floats, frequencies: Floats
 ) -> tuple[Floats, Floats]:
     """ln of the evidence of each class of shapes at spins, (B, C), and factors of the noise."""
-    value, factor = _batches(_by_class, points, poles, frequencies)
-    return value, factor
+    return in_batches(_by_class, points, BATCH, tilts(poles), frequencies)
 
 
-def _batches(function: Any, points: SparsePoints, poles: Floats, frequencies: Floats) -> list:
-    parts = []
-    on_device, size = jax.tree.map(jnp.asarray, points), together(*BATCH)
-    with single_threaded_blas:  # matrices of some forty rows
-        for i in range(0, len(poles), size):
-            check_time()
-            rows = np.resize(np.arange(i, min(i + size, len(poles))), size)
-            spins = jnp.asarray(tilts(poles[rows])), jnp.asarray(frequencies[rows])
-            part = function(on_device, *spins)
-            parts.append([np.asarray(x)[: len(poles) - i] for x in part])
-    return [np.concatenate(x) for x in zip(*parts, strict=True)]
+def in_batches(function: Any, points: SparsePoints, batch: tuple[int, int], *spins: Any) -> Any:
+    """A compiled function of the points and of spins, pytrees of B rows, a batch of them at once.
+
+    ``batch`` has their numbers on a CPU and on an accelerator.
+    """
+    on_device = jax.tree.map(jnp.asarray, points)
+
+    def some(*rows: Any) -> Any:
+        check_time()
+        return function(on_device, *jax.tree.map(jnp.asarray, rows))
+
+    with single_threaded_blas:  # the matrices have some forty rows
+        return in_blocks(some, together(*batch), *spins)
 
 
 class Cells(NamedTuple):

@@ -15,11 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes.core.blocks import together
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.levenberg_marquardt import Controls, Quadratic, levenberg_marquardt
-from lcbayes.core.threads import single_threaded_blas
-from lcbayes.core.time_limit import check_time
 from lcbayes.inversion.attitude_scan import evidence, sphere_cells
 from lcbayes.inversion.attitude_scan.evidence import Cells
 from lcbayes.inversion.attitude_scan.harmonics import SparsePoints, shape_columns
@@ -89,12 +86,12 @@ def ascended(
     points: SparsePoints, poles: Floats, frequencies: Floats, noise: Noise
 ) -> tuple[Floats, Floats]:
     """Poles (B, 3) and frequencies (B,) of the maxima of the posterior density uphill of spins."""
-    return _batches(_ascended, points, poles, frequencies, noise)
+    return evidence.in_batches(_ascended, points, BATCH, tilts(poles), frequencies, noise)
 
 
 def density(points: SparsePoints, poles: Floats, frequencies: Floats, noise: Noise) -> Floats:
     """ln of the normal density of the data at spins with a given noise, (B,), up to a constant."""
-    return _batches(_density, points, poles, frequencies, noise)[0]
+    return evidence.in_batches(_density, points, BATCH, tilts(poles), frequencies, noise)
 
 
 def divided_at_maxima(
@@ -183,30 +180,15 @@ def _targets(
     )
 
 
-def _batches(
-    function: Any, points: SparsePoints, poles: Floats, frequencies: Floats, noise: Noise
-) -> Any:
-    parts, on_device = [], jax.tree.map(jnp.asarray, points)
-    tilt, size = tilts(poles), together(*BATCH)
-    with single_threaded_blas:  # matrices of some forty rows
-        for i in range(0, len(poles), size):
-            check_time()
-            rows = np.resize(np.arange(i, min(i + size, len(poles))), size)
-            given = tilt[rows], frequencies[rows], noise.rows(rows)
-            part = function(on_device, *jax.tree.map(jnp.asarray, given))
-            parts.append([np.asarray(x)[: len(poles) - i] for x in part])
-    return tuple(np.concatenate(x) for x in zip(*parts, strict=True))
-
-
 @jax.jit
-def _density(points: SparsePoints, tilt: Any, frequency: Any, noise: Noise) -> tuple[jax.Array]:
+def _density(points: SparsePoints, tilt: Any, frequency: Any, noise: Noise) -> jax.Array:
     every = prior(points.group.shape[1])
 
     def one(tilt: jax.Array, frequency: jax.Array, noise: Noise) -> jax.Array:
         least = _least(points, noise, every, tilt, frequency)
         return -least.value - jnp.sum(jnp.log(jnp.diag(least.root)))
 
-    return (jax.vmap(one)(tilt, frequency, noise),)
+    return jax.vmap(one)(tilt, frequency, noise)
 
 
 @jax.jit

@@ -5,14 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lcbayes.core.constants import HOUR_S
 from lcbayes.geometry.spherical import lon_lat_deg
-from lcbayes.inversion.attitude_scan.contradiction import Contradiction
+
+if TYPE_CHECKING:
+    from lcbayes.inversion.attitude_scan.contradiction import Contradiction
 
 Floats = NDArray[np.float64]
 

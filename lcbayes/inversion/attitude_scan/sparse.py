@@ -41,6 +41,7 @@ DRAWN = 256  # of all others
 ROUNDS, CLASS_ROUNDS, CLASS_CELLS = 2, 3, 32  # divisions where the posterior is; cells of each
 SAME_PERIOD, SAME_TURNS = 1.0, 0.5  # turns over the data: of one period, and of one solution
 SAME_POLE = 30.0  # degrees, of one solution
+UNIQUE = 0.99  # probability of the only period, or the only pole
 LISTED = 1e-3  # smallest probability of a solution that is reported
 PER_NIGHT = 8.0  # sparse points
 ROWS = 20_000  # of the table of hypotheses

@@ -19,7 +19,6 @@ from lcbayes.inversion.attitude_scan.solutions import ALIAS, HALF, MIRROR, PERIO
 POOR = 2.0  # χ² per degree of freedom, errors known, above which no hypothesis explains the data;
 # below its inverse, unless by chance, the fit is closer than the errors allow
 LOOSE = 0.2  # rms residual, errors unknown, above which no hypothesis explains the data
-UNIQUE = 0.99  # probability of the only period, or the only pole
 NAMED = 5  # number of equivalent solutions listed by name
 
 
@@ -71,7 +70,7 @@ def _near_equal(scan: AttitudeScan, limit: float) -> list[bool]:
     order = np.argsort(-share, kind="stable")
     before = np.empty(len(share))
     before[order] = np.cumsum(share[order]) - share[order]
-    return list(map(bool, before < UNIQUE))
+    return list(map(bool, before < sparse.UNIQUE))
 
 
 def row(s: Solution, scan: AttitudeScan, near_equal: bool) -> dict[str, Any]:
@@ -135,7 +134,7 @@ def _findings(
 def improbable(
     scan: AttitudeScan, solutions: list[dict[str, Any]], curve: LightCurve
 ) -> Iterator[Finding]:
-    """Findings about a period or pole whose probability is below 0.99, or rests on one curve."""
+    """Findings about a period or pole whose probability is below 0.99, and a curve against it."""
     assert scan.period_probability is not None
     best = scan.solutions[0]
     assert best.frequency is not None
@@ -152,13 +151,13 @@ def improbable(
         else:
             poles.append(f"({row['pole_lon_deg']:.0f}, {row['pole_lat_deg']:+.0f}) degrees")
     yield from contradicted(scan, curve)
-    if scan.period_probability < UNIQUE:
+    if scan.period_probability < sparse.UNIQUE:
         some = sorted(other, key=lambda name: -other[name])[:NAMED]
         also = ", ".join(f"{name} ({probability(other[name])})" for name in some)
         words = f"its probability is {probability(scan.period_probability)}"
         values = {"others": f"{words}; others are {also}" if some else words}
         yield Finding("period-not-unique", values)
-    elif of_pole < UNIQUE * scan.period_probability and poles:
+    elif of_pole < sparse.UNIQUE * scan.period_probability and poles:
         yield Finding("pole-not-unique", {"others": _fit_as_well(poles)})
     else:
         yield Finding("pole-not-calibrated")

@@ -34,6 +34,14 @@ def test_nights_of_few_points_share_a_panel():
     assert list(found)[-1] == few
 
 
+def test_a_single_night_of_few_points_keeps_its_title():
+    assert panels([20, 1, 30]) == {
+        "pass 1 · 20 points": 20,
+        "pass 3 · 30 points": 30,
+        "pass 2 · 1 point": 1,
+    }
+
+
 @pytest.mark.parametrize("sizes", [[1], [2, 3, 1]])
 def test_survey_points_alone_have_one_panel(sizes):
     assert list(panels(sizes).values()) == [sum(sizes)]
