@@ -186,8 +186,28 @@ def test_another_curve_without_a_period_needs_a_range(six_nights, change):
     curve = replace(result.curve, **change)
     listed = {one.command.split()[1]: one for one in advise(curve, facts, result.data)}
     assert "--period-range FROM,TO" in listed["scan"].command
+    assert "# frame" not in listed["scan"].why
     assert not listed["scan"].suits
     assert "--period HOURS" in listed["fit"].command
+
+
+def test_a_table_that_does_not_name_its_axes_is_told_how(six_nights, tmp_path):
+    """Only axes of the ecliptic serve the search of all usual periods; a table may name them."""
+    path, _ = six_nights
+    curve = replace(lcbayes.read(path), frame="inertial")
+    lcbayes.write(curve, tmp_path / "table.csv")
+    (scan,) = [
+        one
+        for one in lcbayes.look(tmp_path / "table.csv").content["commands"]
+        if one["command"].startswith("lcbayes scan")
+    ]
+    assert not scan["suits"]
+    (line,) = re.findall(r"'(# frame: .*?)'", scan["why"])
+    text = (tmp_path / "table.csv").read_text(encoding="utf-8").splitlines()
+    text = [line, *(row for row in text if not row.startswith("# frame"))]
+    (tmp_path / "named.csv").write_text("\n".join(text) + "\n", encoding="utf-8")
+    named = lcbayes.look(tmp_path / "named.csv").content["commands"]
+    assert any("--first-stage periodogram" in one["command"] for one in named if one["suits"])
 
 
 @pytest.mark.slow

@@ -83,8 +83,16 @@ class Known:
     @property
     def blind(self) -> bool:
         """Whether its period can be searched among all usual ones of asteroids."""
-        asteroid = self.asteroid and self.curve.frame == "ecliptic-j2000"
-        return asteroid and self.period is None and not unsuited(self.curve)
+        return self._unknown and self.curve.frame == "ecliptic-j2000"
+
+    @property
+    def nameless(self) -> bool:
+        """Whether that only takes axes of the ecliptic, and the file does not name its axes."""
+        return self._unknown and self.curve.frame == "inertial"
+
+    @property
+    def _unknown(self) -> bool:
+        return self.asteroid and self.period is None and not unsuited(self.curve)
 
 
 def advise(curve: LightCurve, facts: dict[str, Any], candidates: Candidates | None) -> list[Advice]:
@@ -211,6 +219,11 @@ def _scan(known: Known) -> Iterator[Advice]:
     else:
         hint = f"{low / HOUR_S:.6g},{high / HOUR_S:.6g}"
     why = "no period is detected: give a range" if known.period is None else "a period is detected"
+    if known.nameless:
+        why += (
+            ", or, if the axes are those of the ecliptic J2000, say so with a first line "
+            "'# frame: ecliptic-j2000', and look again: then all usual periods can be searched"
+        )
     if known.aliases:
         listed = join_words(f"{period / HOUR_S:.5g} h" for period in known.aliases)
         why += f"; {listed} explain{'s' * (len(known.aliases) == 1)} nearly as much: scan there too"
