@@ -77,8 +77,8 @@ SENTENCES = {
     "fit-too-close": "chi2 is {ratio:.2f} per degree of freedom: the errors are too large, or the "
     "body follows the noise",
     "period-not-unique": "the period is not unique: {others}",
-    "curve-contradicts": "{curve} contradicts the others: without it the period is {period} "
-    "({probability}){late}; check its times, or leave it out",
+    "curve-contradicts": "{curve} contradicts the others: {others}; check its times, or leave it "
+    "out",
     "pole-not-unique": "the pole is not unique beyond its mirror: {others}",
     "pole-not-calibrated": "the probability of the pole is not shown to be right: of 36 poles of "
     "simulated bodies with 0.99 or more, 36 were right, too few to trust such a one",

@@ -1,8 +1,9 @@
-"""A curve without which the points have another period.
+"""A curve that contradicts the others, such as one whose times are wrong.
 
-A curve whose clock is an hour late, or whose days begin at noon, makes a wrong period the most
-probable, and its residuals need not show it: a body seen in a few nights may fit them all at
-another period. Therefore the posterior of the periods is compared with that without each curve.
+A curve whose clock is an hour late, or whose days begin at noon, may make a wrong period the most
+probable, and turns the pole where it does not. Its residuals need not show it, because a body seen
+in a few nights may fit them all. Therefore each curve is moved in time at the best periods of the
+others, and the posterior of the periods is compared with that without the curve.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes.inversion.attitude_scan import evidence
+from lcbayes.inversion.attitude_scan import evidence, maxima
 from lcbayes.inversion.attitude_scan.evidence import Cells
 from lcbayes.inversion.attitude_scan.harmonics import SparsePoints
 from lcbayes.inversion.attitude_scan.sparse import SAME_PERIOD, UNIQUE
@@ -20,28 +21,34 @@ from lcbayes.inversion.attitude_scan.sparse import SAME_PERIOD, UNIQUE
 Floats = NDArray[np.float64]
 
 PERIODS, POLES = 64, 2  # the best periods, and cells of each, that are compared
-PHASES = 24  # of a turn by which a curve is moved
-BETTER = 10.0  # nats by which a moved curve must raise the evidence to be called wrong in time
+TRIED = 4  # the best periods of the other curves at which a curve is moved
+PHASES = 24  # of a turn by which it is moved
+BETTER = 10.0  # nats by which an unknown shift must raise the evidence
+RIVAL = 3.0  # nats; curves whose shifts raise it by nearly as much may be the wrong one instead
 
 
 @dataclass(frozen=True)
 class Contradiction:
-    """A curve, and the period of all others.
+    """A curve that contradicts the others, and the period without it.
 
-    curve : counted from 0
+    curves : counted from 0, the most probable first, of which one contradicts the others
     frequency : Hz
-    probability : of that period without the curve
-    late : whether the curve fits that period once it is moved in time
+    probability : of that period without the first of these curves
+    moved : whether this curve agrees with the others once it is moved in time
     """
 
-    curve: int
+    curves: tuple[int, ...]
     frequency: float
     probability: float
-    late: bool
+    moved: bool
 
 
 def contradiction(points: SparsePoints, found: Cells) -> Contradiction | None:
-    """The curve without which another period has a probability of at least 0.99.
+    """The curve whose times are wrong, or without which another period is called unique.
+
+    An unknown shift of one curve, all parts of a turn being as probable, is a model with an
+    evidence of its own. The times are called wrong if it is greater by ten nats. Both models would
+    then be as probable if one curve in twenty thousand had wrong times.
 
     Parameters
     ----------
@@ -52,41 +59,58 @@ def contradiction(points: SparsePoints, found: Cells) -> Contradiction | None:
     Returns
     -------
     Contradiction or None
-        Of the curve with the greatest such probability; None if there is no such curve.
+        None if no curve contradicts the others.
     """
-    n_curves, most = points.group.shape[1], UNIQUE
+    n_curves = points.group.shape[1]
     if n_curves == 1:
         return None
-    best = evidence.best_of_periods(found, points.span, PERIODS, POLES)
-    spins = found.rows(np.concatenate(best))
+    spins = found.rows(np.concatenate(evidence.best_of_periods(found, points.span, PERIODS, POLES)))
     every = evidence.all_shapes(points, spins.pole, spins.frequency)
     first = spins.frequency[np.argmax(every)]
-    worst: tuple[int, Cells] | None = None
+    as_it_is = evidence.all_shapes(points, *_maxima(points, spins, every)).max()
+    raised, shifted, without, most = [], [], None, UNIQUE
     for k in range(n_curves):
         others = points._replace(used=points.used * (1.0 - points.group[:, k]))
         value = evidence.all_shapes(others, spins.pole, spins.frequency)
-        same = _same(spins.frequency, spins.frequency[np.argmax(value)], points)
-        share = np.exp(value - np.logaddexp.reduce(value))
-        if share[same].sum() >= most and not _same(first, spins.frequency[same], points).any():
-            most, worst = float(share[same].sum()), (k, spins.rows(same))
-    if worst is None:
-        return None
-    curve, other = worst
-    late = _late(points, curve, other, float(every.max()))
-    return Contradiction(curve, float(other.frequency[0]), most, late)
+        poles, frequencies = _maxima(others, spins, value)
+        moved = _moved(points, k, poles, frequencies)
+        raised.append(moved.max() - as_it_is)
+        shifted.append((value, frequencies[np.argmax(moved)]))
+        frequency = spins.frequency[np.argmax(value)]
+        probability = _probability(spins, value, frequency, points.span)
+        if probability >= most and not _same(first, frequency, points.span):
+            most = probability
+            without = Contradiction((k,), float(frequency), probability, moved=False)
+    if max(raised) < BETTER:
+        return without
+    order = [int(k) for k in np.argsort(raised)[::-1]]
+    near = [k for k in order if raised[k] > max(raised) - RIVAL or n_curves == 2]
+    value, frequency = shifted[near[0]]
+    probability = _probability(spins, value, frequency, points.span)
+    return Contradiction(tuple(near), float(frequency), probability, moved=True)
 
 
-def _same(frequency: Floats, other: Floats, points: SparsePoints) -> NDArray[np.bool_]:
-    return np.abs(frequency - other) * points.span < SAME_PERIOD
+def _maxima(points: SparsePoints, spins: Cells, value: Floats) -> tuple[Floats, Floats]:
+    """Poles and frequencies of the maxima uphill of the best cells of a few periods."""
+    at = spins._replace(log_evidence=value)
+    few = spins.rows(np.concatenate(evidence.best_of_periods(at, points.span, TRIED, POLES)))
+    noise = maxima.Noise.of(points, evidence.fits(points, few.pole, few.frequency))
+    return maxima.ascended(points, few.pole, few.frequency, noise)
 
 
-def _late(points: SparsePoints, curve: int, spins: Cells, best: float) -> bool:
-    """Whether a curve that is moved in time fits the spins of the others."""
-    period, moved = 1.0 / spins.frequency[0], points.group[:, curve]
-    values = [
-        evidence.all_shapes(
-            points._replace(t=points.t - moved * (k * period / PHASES)), spins.pole, spins.frequency
-        ).max()
-        for k in range(1, PHASES)
-    ]
-    return bool(max(values) >= best + BETTER)
+def _moved(points: SparsePoints, curve: int, poles: Floats, frequencies: Floats) -> Floats:
+    """ln of the evidence at spins (B,) with an unknown shift of a curve in time."""
+    spins = poles.repeat(PHASES, axis=0), frequencies.repeat(PHASES)
+    turns = np.tile(np.arange(PHASES) / PHASES, len(frequencies))
+    value = evidence.all_shapes_moved(points, *spins, points.group[:, curve], turns)
+    return np.logaddexp.reduce(value.reshape(-1, PHASES), axis=1) - np.log(PHASES)
+
+
+def _probability(spins: Cells, value: Floats, frequency: float, span: float) -> float:
+    """Of the period of a frequency, among those of the spins."""
+    share = np.exp(value - np.logaddexp.reduce(value))
+    return float(share[_same(spins.frequency, frequency, span)].sum())
+
+
+def _same(frequency: Floats, other: float, span: float) -> NDArray[np.bool_]:
+    return np.abs(frequency - other) * span < SAME_PERIOD

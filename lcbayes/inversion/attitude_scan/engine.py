@@ -195,6 +195,8 @@ def _sparse_spins(
     assert settings.period_range_h is not None
     with _timed(scan, "screen_s"), progress.stage("periodogram", 1, "object") as track:
         periods = sparse.search(sparse_points, settings.period_range_h, 0.5 * settings.period_step)
+        if curve.n_curves > 1:
+            progress.say("comparing the times of each curve with those of the others")
         scan.contradiction = contradiction(sparse_points, periods.cells)
         track.advance(1)
     scan.n_periods, scan.n_ranked = len(periods.frequencies), periods.n_ranked

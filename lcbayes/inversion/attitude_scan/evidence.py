@@ -8,6 +8,7 @@ the whole.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -80,6 +81,20 @@ def _fits(points: SparsePoints, tilt: jax.Array, frequency: jax.Array) -> Fits:
         return _fit(points, _all_columns(points, tilt, frequency), every)[0]
 
     return jax.vmap(one)(tilt, frequency)
+
+
+@jax.jit
+def _fits_moved(
+    moved: jax.Array, points: SparsePoints, tilt: jax.Array, frequency: jax.Array, turns: jax.Array
+) -> Fits:
+    """Those with the times of some points later by a part of a turn."""
+    every = prior(points.group.shape[1])
+
+    def one(tilt: jax.Array, frequency: jax.Array, turns: jax.Array) -> Fits:
+        at = points._replace(t=points.t + moved * turns / frequency)
+        return _fit(at, _all_columns(at, tilt, frequency), every)[0]
+
+    return jax.vmap(one)(tilt, frequency, turns)
 
 
 @jax.jit
@@ -205,6 +220,15 @@ def fits(points: SparsePoints, poles: Floats, frequencies: Floats) -> Fits:
 def all_shapes(points: SparsePoints, poles: Floats, frequencies: Floats) -> Floats:
     """ln of the evidence under the prior of all classes as one normal density, (B,)."""
     return fits(points, poles, frequencies).log_evidence
+
+
+def all_shapes_moved(
+    points: SparsePoints, poles: Floats, frequencies: Floats, moved: Floats, turns: Floats
+) -> Floats:
+    """The same with points (T,), those where ``moved`` is one, later by parts of a turn (B,)."""
+    function = partial(_fits_moved, moved)
+    spins = tilts(poles), frequencies, turns
+    return in_batches(function, points, BATCH, *spins).log_evidence
 
 
 def by_class(points: SparsePoints, poles: Floats, frequencies: Floats) -> Floats:

@@ -4,7 +4,10 @@ A maximum is often much narrower than a cell of the periodogram. The evidence at
 cell may then be below that of a cell elsewhere by tens of nats, and the right pole would never be
 looked at closely. So poles all around the sphere, and frequencies within half a turn over the data,
 are tried near each of the best periods. The best of these are moved uphill to the next maximum by
-damped Gauss-Newton steps, at the noise of the period's best spin.
+damped Gauss-Newton steps, at the noise of the period's best spin. If half or twice a period is then
+the best, its own half and double have to be tried, too: the true period may have two aliases, a
+little over half a turn from it on either side, that are found first, and is twice as near to half
+of their double.
 """
 
 from __future__ import annotations
@@ -26,7 +29,8 @@ from lcbayes.physics.attitude import rotations
 
 Floats = NDArray[np.float64]
 
-PERIODS, MULTIPLIED = 16, 4  # whose maxima are sought, and of these also at half and double
+ROUNDS = ((16, 4), (2, 2), (2, 2))  # periods whose maxima are sought, and of these also at half and
+# double, unless they were tried before
 POLES = 1  # level of the grid of poles that are tried: 48
 OFFSETS = np.arange(-4, 5) / 8.0  # turns over the data, of the frequencies that are tried
 STEPS, TOLERANCE = 8, 0.1  # steps uphill; nat, of the last
@@ -114,30 +118,57 @@ def divided_at_maxima(
         That of the periodogram's poles.
     """
     limits = frequencies[0] - 0.5 * apart, frequencies[-1] + 0.5 * apart
-    targets = _targets(points, *_ends(points, found, limits), apart)
-    # coarse cells that hold the targets, unless they, or parts of them, are there already
+    tried = np.zeros(0)
+    for periods, multiplied in ROUNDS:
+        pole, frequency = _best_periods(points, found, periods, multiplied)
+        new = (limits[0] < frequency) & (frequency < limits[1])
+        off = np.abs(frequency[:, None] - tried) * points.span
+        new &= np.all(off > OFFSETS.max(), axis=1)
+        if not new.any():
+            break
+        tried = np.append(tried, frequency[new])
+        ends = _ends(points, pole[new], frequency[new], limits)
+        targets = _targets(points, *ends, apart)
+        held = _holding(points, found, targets, frequencies, apart, level)
+        found = evidence.reaching(points, held, targets)
+    return found
+
+
+def _best_periods(
+    points: SparsePoints, found: Cells, periods: int, multiplied: int
+) -> tuple[Floats, Floats]:
+    """Poles and frequencies of the best periods, and of half and double the first of them."""
+    best = np.concatenate(evidence.best_of_periods(found, points.span, periods, 1))
+    pole, frequency = found.pole[best], found.frequency[best]
+    few = slice(0, multiplied)
+    pole = np.concatenate([pole, pole[few], pole[few]])
+    return pole, np.concatenate([frequency, 0.5 * frequency[few], 2.0 * frequency[few]])
+
+
+def _holding(
+    points: SparsePoints,
+    found: Cells,
+    targets: Cells,
+    frequencies: Floats,
+    apart: float,
+    level: int,
+) -> Cells:
+    """Cells with the coarse ones that hold the targets, unless these or parts of them are there."""
     k = np.rint((targets.frequency - frequencies[0]) / apart).astype(int)
     new = set(zip(k, targets.cell // 4 ** (targets.level - level), strict=True))
     number = np.rint((found.frequency - frequencies[0]) / apart).astype(int)
     new -= set(zip(number, found.cell // 4 ** (found.level - level), strict=True))
-    if new:
-        k, cell = np.array(sorted(new)).T
-        coarse = evidence.cells(points, cell, level, frequencies[k], np.full(len(k), apart))
-        found = evidence.joined(found, coarse)
-    return evidence.reaching(points, found, targets)
+    if not new:
+        return found
+    k, cell = np.array(sorted(new)).T
+    coarse = evidence.cells(points, cell, level, frequencies[k], np.full(len(k), apart))
+    return evidence.joined(found, coarse)
 
 
 def _ends(
-    points: SparsePoints, found: Cells, limits: tuple[float, float]
+    points: SparsePoints, pole: Floats, frequency: Floats, limits: tuple[float, float]
 ) -> tuple[Floats, Floats, Floats]:
-    """Poles, frequencies and evidence of maxima, uphill of the best starts at the best periods."""
-    best = np.concatenate(evidence.best_of_periods(found, points.span, PERIODS, 1))
-    pole, frequency = found.pole[best], found.frequency[best]
-    few = slice(0, MULTIPLIED)
-    pole = np.concatenate([pole, pole[few], pole[few]])
-    frequency = np.concatenate([frequency, 0.5 * frequency[few], 2.0 * frequency[few]])
-    within = (limits[0] < frequency) & (frequency < limits[1])
-    pole, frequency = pole[within], frequency[within]
+    """Poles, frequencies and evidence of maxima, uphill of the best starts near given spins."""
     noise = Noise.of(points, evidence.fits(points, pole, frequency))
     grid = sphere_cells.centres(np.arange(sphere_cells.number(POLES)), POLES)
     # every pole of the grid, and that of the period itself, at its best frequency

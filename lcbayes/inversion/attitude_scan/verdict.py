@@ -171,12 +171,11 @@ def contradicted(scan: AttitudeScan, curve: LightCurve) -> Iterator[Finding]:
     if of is None:
         return
     period_h = 1.0 / (HOUR_S * of.frequency)
-    values = {
-        "curve": curve.dated_titles[of.curve],
-        "period": written_period(period_h, scan.resolution_h(period_h)),
-        "probability": f"probability {probability(of.probability)}",
-        "late": ", and moved in time it fits that as well" if of.late else "",
-    }
+    period = written_period(period_h, scan.resolution_h(period_h))
+    of_period = f"without it the period is {period} (probability {probability(of.probability)})"
+    moved = ", and moved in time it agrees with them" if of.moved else ""
+    names = [curve.dated_titles[k] for k in of.curves]
+    values = {"curve": " or ".join(names), "others": of_period + moved}
     yield Finding("curve-contradicts", values)
 
 

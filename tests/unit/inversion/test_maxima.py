@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from importlib import import_module
+from pathlib import Path
+
 import numpy as np
 import pytest
 from numpy.linalg import slogdet
@@ -9,7 +12,7 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from lcbayes.core.jax_setup import jax, jnp
-from lcbayes.inversion.attitude_scan import evidence, maxima, sparse
+from lcbayes.inversion.attitude_scan import evidence, grid, maxima, sparse, sphere_cells
 from lcbayes.inversion.attitude_scan.harmonics import SparsePoints, shape_columns
 from lcbayes.inversion.attitude_scan.shape_classes import prior
 from lcbayes.inversion.attitude_scan.spin import tilts
@@ -130,6 +133,31 @@ def test_targets_are_distinct_and_cover_their_surroundings(points):
     off = np.degrees(np.arccos(np.abs(targets.pole @ POLE)))
     assert off[:2].max() < 1.5  # as wide as these cells
     np.testing.assert_allclose(off[2:], maxima.AROUND, atol=1.5)
+
+
+def test_half_of_a_double_period_is_tried(monkeypatch):
+    """A true period of 19.678458 h, whose maximum is too narrow to be seen from a coarse cell.
+
+    Two aliases lie 0.75 turns over the data on either side. Twice one of them leads to twice the
+    true period, with more evidence than both, and its half to the true one, with more again.
+    """
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[3] / "benchmarks"))
+    late_curves = import_module("late_curves")
+    data, period_h, _ = late_curves.drawn(6014, "late")
+    points = SparsePoints.of(late_curves.curve(data))
+    apart, number = 0.25 / points.span, sphere_cells.number(2)
+    first, count = grid.frequencies((19.0, 41.0), apart)
+    frequencies = first + apart * np.arange(count)
+    aliases = 1.0 / (3600.0 * np.array([19.6838, 19.6733]))
+    near = frequencies[np.argmin(np.abs(frequencies[:, None] - aliases), axis=0)]
+    cell, f = np.tile(np.arange(number), 2), near.repeat(number)
+    coarse = evidence.cells(points, cell, 2, f, np.full(len(f), apart))
+    found = maxima.divided_at_maxima(points, coarse, frequencies, apart, 2)
+    best = found.frequency[np.argmax(found.log_evidence)]
+    assert abs(best - 1.0 / (3600.0 * period_h)) * points.span < 0.1
+    twice = np.abs(found.frequency - 0.5 * best) * points.span < 0.25
+    assert coarse.log_evidence.max() < found.log_evidence[twice].max() - 10.0
+    assert found.log_evidence[twice].max() < found.log_evidence.max() - 10.0
 
 
 @pytest.mark.slow
