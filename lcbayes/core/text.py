@@ -18,13 +18,15 @@ def join_words(words: Iterable[str]) -> str:
 
 
 def probability(value: float) -> str:
-    """A probability that is never written as certain.
+    """A probability that is never written as certain, or as none.
 
     Examples
     --------
-    >>> probability(0.86312), probability(0.999999)
-    ('0.863', 'above 0.9999')
+    >>> probability(0.86312), probability(0.999999), probability(2e-9)
+    ('0.863', 'above 0.9999', 'below 0.0001')
     """
+    if value < 0.0001:
+        return "below 0.0001"
     return "above 0.9999" if value > 0.9999 else f"{value:.3g}" if value < 0.99 else f"{value:.4f}"
 
 

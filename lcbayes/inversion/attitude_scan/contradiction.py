@@ -8,7 +8,7 @@ others, and the posterior of the periods is compared with that without the curve
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,13 @@ from numpy.typing import NDArray
 from lcbayes.inversion.attitude_scan import evidence, maxima
 from lcbayes.inversion.attitude_scan.evidence import Cells
 from lcbayes.inversion.attitude_scan.harmonics import SparsePoints
-from lcbayes.inversion.attitude_scan.sparse import SAME_PERIOD, UNIQUE
+from lcbayes.inversion.attitude_scan.sparse import (
+    SAME_PERIOD,
+    UNIQUE,
+    SparseSearch,
+    Spin,
+    most_probable_first,
+)
 
 Floats = NDArray[np.float64]
 
@@ -29,18 +35,40 @@ RIVAL = 3.0  # nats; curves whose shifts raise it by nearly as much may be the w
 
 @dataclass(frozen=True)
 class Contradiction:
-    """A curve that contradicts the others, and the period without it.
+    """A curve that contradicts the others, and the spin without it.
 
     curves : counted from 0, the most probable first, of which one contradicts the others
-    frequency : Hz
+    pole, frequency : (3,) and Hz
     probability : of that period without the first of these curves
     moved : whether this curve agrees with the others once it is moved in time
+    agree : probability that no curve contradicts the others
     """
 
     curves: tuple[int, ...]
+    pole: Floats
     frequency: float
     probability: float
     moved: bool
+    agree: float
+
+    def doubted(self, found: SparseSearch, span: float) -> SparseSearch:
+        """The search with the probabilities of its spins times ``agree``, and the spin without the
+        curve, which has the rest."""
+        rest = (1.0 - self.agree) * self.probability
+        spins, same = [], []
+        for s in found.spins:
+            is_same = bool(_same(np.array(s.frequency), self.frequency, span))
+            of_period = s.period_probability * self.agree + (rest if is_same else 0.0)
+            own = s.probability * self.agree
+            spins.append(replace(s, probability=own, period_probability=of_period))
+            same += [len(spins) - 1] if is_same else []
+        if same:
+            first = spins[same[0]]
+            spins[same[0]] = replace(first, probability=first.probability + rest)
+        else:
+            best = found.spins[0].log_evidence
+            spins.append(Spin(self.pole, self.frequency, rest, best, rest))
+        return replace(found, spins=most_probable_first(spins, span))
 
 
 def contradiction(points: SparsePoints, found: Cells) -> Contradiction | None:
@@ -75,19 +103,21 @@ def contradiction(points: SparsePoints, found: Cells) -> Contradiction | None:
         poles, frequencies = _maxima(others, spins, value)
         moved = _moved(points, k, poles, frequencies)
         raised.append(moved.max() - as_it_is)
-        shifted.append((value, frequencies[np.argmax(moved)]))
+        shifted.append((value, poles[np.argmax(moved)], frequencies[np.argmax(moved)]))
         frequency = spins.frequency[np.argmax(value)]
         probability = _probability(spins, value, frequency, points.span)
         if probability >= most and not _same(first, frequency, points.span):
             most = probability
-            without = Contradiction((k,), float(frequency), probability, moved=False)
+            at = spins.pole[np.argmax(value)], float(frequency), probability
+            without = Contradiction((k,), *at, moved=False, agree=1.0 - probability)
     if max(raised) < BETTER:
         return without
     order = [int(k) for k in np.argsort(raised)[::-1]]
     near = [k for k in order if raised[k] > max(raised) - RIVAL or n_curves == 2]
-    value, frequency = shifted[near[0]]
-    probability = _probability(spins, value, frequency, points.span)
-    return Contradiction(tuple(near), float(frequency), probability, moved=True)
+    value, pole, frequency = shifted[near[0]]
+    at = pole, float(frequency), _probability(spins, value, frequency, points.span)
+    agree = float(1.0 / (1.0 + np.exp(max(raised) - BETTER)))
+    return Contradiction(tuple(near), *at, moved=True, agree=agree)
 
 
 def _maxima(points: SparsePoints, spins: Cells, value: Floats) -> tuple[Floats, Floats]:

@@ -197,7 +197,9 @@ def _sparse_spins(
         periods = sparse.search(sparse_points, settings.period_range_h, 0.5 * settings.period_step)
         if curve.n_curves > 1:
             progress.say("comparing the times of each curve with those of the others")
-        scan.contradiction = contradiction(sparse_points, periods.cells)
+        against = scan.contradiction = contradiction(sparse_points, periods.cells)
+        if against is not None:
+            periods = against.doubted(periods, sparse_points.span)
         track.advance(1)
     scan.n_periods, scan.n_ranked = len(periods.frequencies), periods.n_ranked
     scan.period_probability = periods.period_probability

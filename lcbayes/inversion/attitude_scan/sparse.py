@@ -322,6 +322,10 @@ def _solutions(cells: Cells, rest: float, span: float) -> list[Spin]:
         Spin(pole[i], float(cells.frequency[i]), p, float(cells.log_evidence[i]), of_its_period)
         for (i, p), of_its_period in zip(found, most, strict=True)
     ]
-    f = spins[int(np.argmax(of_period))].frequency
-    spins.sort(key=lambda s: (abs(s.frequency - f) * span >= SAME_PERIOD, -s.probability))
-    return spins
+    return most_probable_first(spins, span)
+
+
+def most_probable_first(spins: list[Spin], span: float) -> list[Spin]:
+    """Spins of the most probable period first, each part in the order of its probabilities."""
+    f = max(spins, key=lambda s: s.period_probability).frequency
+    return sorted(spins, key=lambda s: (abs(s.frequency - f) * span >= SAME_PERIOD, -s.probability))

@@ -63,9 +63,12 @@ def rows_of(curve: LightCurve, effort: Effort) -> tuple[list[dict[str, Any]], li
         raise InputError(why)
     few = SparsePoints.of(curve)
     found = sparse.search(few, effort.period_range_h, effort.step)
+    against = contradiction(few, found.cells)
+    if against is not None:
+        found = against.doubted(found, few.span)
     spins = found.spins[: effort.keep]
     scan = _scan(curve, effort, found)
-    scan.contradiction = contradiction(few, found.cells)
+    scan.contradiction = against
     points = engine.points_of(curve, scan.settings)
     amplitude, rms = sparse.linear_model(few, spins)
     if effort.refine:

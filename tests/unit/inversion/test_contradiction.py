@@ -1,5 +1,7 @@
 """A curve whose times are wrong contradicts the period of the others."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from lcbayes.inversion.attitude_scan.contradiction import Contradiction, contrad
 from lcbayes.inversion.attitude_scan.evidence import Cells
 from lcbayes.inversion.attitude_scan.harmonics import SparsePoints
 from lcbayes.inversion.attitude_scan.result import AttitudeScan, Solution
+from lcbayes.inversion.attitude_scan.sparse import SparseSearch, Spin
 from lcbayes.results.reasons import reasons
 from tests.helpers import egg_nights
 from tests.helpers.egg_nights import PERIOD_H
@@ -60,6 +63,7 @@ def test_a_night_an_hour_early_contradicts_the_others():
     assert period_h(against.frequency) == pytest.approx(PERIOD_H, rel=1e-4)
     assert against.probability > 0.99
     assert against.moved
+    assert against.agree < 0.5
 
 
 def test_a_survey_of_early_times_is_named():
@@ -77,6 +81,23 @@ def test_two_curves_are_both_named():
     against = contradiction(points, near_the_period_and_twice_it(points))
     assert against is not None
     assert sorted(against.curves) == [0, 1]
+
+
+def test_the_period_without_the_curve_has_the_probability_that_it_is_wrong():
+    pole, right = np.array([0.0, 0.0, 1.0]), 1.0 / (3600.0 * PERIOD_H)
+    spins = [Spin(pole, 0.5 * right, 0.7, 0.0, 0.9), Spin(-pole, 0.5 * right, 0.2, 0.0, 0.9)]
+    spins.append(Spin(pole, right, 0.1, 0.0, 0.1))
+    none = np.zeros(0)
+    search = SparseSearch(spins, none, none, np.zeros((0, 3)), 0, Cells(*6 * [none]))
+    against = Contradiction((LATE,), pole, right, 0.999, moved=True, agree=0.1)
+    rest = 0.9 * 0.999
+    for given, own in ((search, 0.01), (replace(search, spins=spins[:2]), 0.0)):
+        left = against.doubted(given, span=1e7)
+        assert left.spins[0].frequency == right
+        np.testing.assert_allclose([s.probability for s in left.spins], [own + rest, 0.07, 0.02])
+        of_period = [s.period_probability for s in left.spins]
+        np.testing.assert_allclose(of_period, [own + rest, 0.09, 0.09])
+        assert left.period_probability == pytest.approx(own + rest)
 
 
 def test_times_are_moved_by_parts_of_a_turn():
@@ -111,7 +132,9 @@ def test_the_verdict_names_the_curves(moved):
     scan = AttitudeScan(
         None, [best], curve.n_obs, curve.n_obs, False, curve.frame, curve.t, curve.curve, none,
         period_probability=1.0,
-        contradiction=Contradiction((LATE, 0), 1.0 / (3600.0 * PERIOD_H), 0.99999, moved),
+        contradiction=Contradiction(
+            (LATE, 0), np.array([0.0, 0.0, 1.0]), 1.0 / (3600.0 * PERIOD_H), 0.99999, moved, 0.01
+        ),
     )  # fmt: skip
     finding: Finding = next(verdict.contradicted(scan, curve))
     (reason,) = reasons([finding])
