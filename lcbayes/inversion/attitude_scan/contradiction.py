@@ -52,20 +52,21 @@ class Contradiction:
     agree: float
 
     def doubted(self, found: SparseSearch, span: float) -> SparseSearch:
-        """The search with the probabilities of its spins times ``agree``, and the spin without the
-        curve, which has the rest."""
+        """The search with the probabilities of its spins times ``agree``.
+
+        The spins of the period without the curve share the rest, as before. If there is none, the
+        one without the curve has it.
+        """
         rest = (1.0 - self.agree) * self.probability
-        spins, same = [], []
-        for s in found.spins:
-            is_same = bool(_same(np.array(s.frequency), self.frequency, span))
-            of_period = s.period_probability * self.agree + (rest if is_same else 0.0)
-            own = s.probability * self.agree
+        same = _same(np.array([s.frequency for s in found.spins]), self.frequency, span)
+        total = sum(s.probability for s, is_same in zip(found.spins, same, strict=True) if is_same)
+        spins = []
+        for s, is_same in zip(found.spins, same, strict=True):
+            more = rest if is_same else 0.0
+            own = s.probability * (self.agree + more / total if is_same else self.agree)
+            of_period = s.period_probability * self.agree + more
             spins.append(replace(s, probability=own, period_probability=of_period))
-            same += [len(spins) - 1] if is_same else []
-        if same:
-            first = spins[same[0]]
-            spins[same[0]] = replace(first, probability=first.probability + rest)
-        else:
+        if not same.any():
             best = found.spins[0].log_evidence
             spins.append(Spin(self.pole, self.frequency, rest, best, rest))
         return replace(found, spins=most_probable_first(spins, span))

@@ -86,18 +86,20 @@ def test_two_curves_are_both_named():
 def test_the_period_without_the_curve_has_the_probability_that_it_is_wrong():
     pole, right = np.array([0.0, 0.0, 1.0]), 1.0 / (3600.0 * PERIOD_H)
     spins = [Spin(pole, 0.5 * right, 0.7, 0.0, 0.9), Spin(-pole, 0.5 * right, 0.2, 0.0, 0.9)]
-    spins.append(Spin(pole, right, 0.1, 0.0, 0.1))
+    spins += [Spin(pole, right, 0.06, 0.0, 0.1), Spin(-pole, right, 0.04, 0.0, 0.1)]
     none = np.zeros(0)
     search = SparseSearch(spins, none, none, np.zeros((0, 3)), 0, Cells(*6 * [none]))
     against = Contradiction((LATE,), pole, right, 0.999, moved=True, agree=0.1)
     rest = 0.9 * 0.999
-    for given, own in ((search, 0.01), (replace(search, spins=spins[:2]), 0.0)):
-        left = against.doubted(given, span=1e7)
-        assert left.spins[0].frequency == right
-        np.testing.assert_allclose([s.probability for s in left.spins], [own + rest, 0.07, 0.02])
-        of_period = [s.period_probability for s in left.spins]
-        np.testing.assert_allclose(of_period, [own + rest, 0.09, 0.09])
-        assert left.period_probability == pytest.approx(own + rest)
+    left = against.doubted(search, span=1e7).spins
+    share = [0.6 * (0.01 + rest), 0.4 * (0.01 + rest), 0.07, 0.02]
+    np.testing.assert_allclose([s.probability for s in left], share)
+    of_period = [0.01 + rest, 0.01 + rest, 0.09, 0.09]
+    np.testing.assert_allclose([s.period_probability for s in left], of_period)
+    left = against.doubted(replace(search, spins=spins[:2]), span=1e7)
+    assert left.spins[0].frequency == right
+    np.testing.assert_allclose([s.probability for s in left.spins], [rest, 0.07, 0.02])
+    assert left.period_probability == pytest.approx(rest)
 
 
 def test_times_are_moved_by_parts_of_a_turn():
