@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from lcbayes.inversion.attitude_scan import evidence, maxima
 from lcbayes.inversion.attitude_scan.evidence import Cells
@@ -117,7 +118,7 @@ def contradiction(points: SparsePoints, found: Cells) -> Contradiction | None:
     near = [k for k in order if raised[k] > max(raised) - RIVAL or n_curves == 2]
     value, pole, frequency = shifted[near[0]]
     at = pole, float(frequency), _probability(spins, value, frequency, points.span)
-    agree = float(1.0 / (1.0 + np.exp(max(raised) - BETTER)))
+    agree = float(expit(BETTER - max(raised)))
     return Contradiction(tuple(near), *at, moved=True, agree=agree)
 
 
