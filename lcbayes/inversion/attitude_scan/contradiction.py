@@ -18,11 +18,11 @@ from lcbayes.inversion.attitude_scan import evidence, maxima
 from lcbayes.inversion.attitude_scan.evidence import Cells
 from lcbayes.inversion.attitude_scan.harmonics import SparsePoints
 from lcbayes.inversion.attitude_scan.sparse import (
-    SAME_PERIOD,
     UNIQUE,
     SparseSearch,
     Spin,
     most_probable_first,
+    same_period,
 )
 
 Floats = NDArray[np.float64]
@@ -59,7 +59,7 @@ class Contradiction:
         one without the curve has it.
         """
         rest = (1.0 - self.agree) * self.probability
-        same = _same(np.array([s.frequency for s in found.spins]), self.frequency, span)
+        same = same_period([s.frequency for s in found.spins], self.frequency, span)
         total = sum(s.probability for s, is_same in zip(found.spins, same, strict=True) if is_same)
         spins = []
         for s, is_same in zip(found.spins, same, strict=True):
@@ -70,15 +70,23 @@ class Contradiction:
         if not same.any():
             best = found.spins[0].log_evidence
             spins.append(Spin(self.pole, self.frequency, rest, best, rest))
-        return replace(found, spins=most_probable_first(spins, span))
+        return replace(found, spins=most_probable_first(spins))
+
+
+def compared(
+    points: SparsePoints, found: SparseSearch
+) -> tuple[SparseSearch, Contradiction | None]:
+    """A search with the probabilities that a contradiction leaves, and the contradiction."""
+    against = contradiction(points, found.cells)
+    return (found if against is None else against.doubted(found, points.span)), against
 
 
 def contradiction(points: SparsePoints, found: Cells) -> Contradiction | None:
     """The curve whose times are wrong, or without which another period is called unique.
 
     An unknown shift of one curve, all parts of a turn being as probable, is a model with an
-    evidence of its own. The times are called wrong if it is greater by ten nats. Both models would
-    then be as probable if one curve in twenty thousand had wrong times.
+    evidence of its own. The times are called wrong if it is greater by ten nats, which outweighs
+    odds of twenty thousand to one that the times of a curve are right.
 
     Parameters
     ----------
@@ -96,30 +104,29 @@ def contradiction(points: SparsePoints, found: Cells) -> Contradiction | None:
         return None
     spins = found.rows(np.concatenate(evidence.best_of_periods(found, points.span, PERIODS, POLES)))
     every = evidence.all_shapes(points, spins.pole, spins.frequency)
-    first = spins.frequency[np.argmax(every)]
     as_it_is = evidence.all_shapes(points, *_maxima(points, spins, every)).max()
-    raised, shifted, without, most = [], [], None, UNIQUE
+    raised, moved, left_out = np.zeros(n_curves), [], []
     for k in range(n_curves):
         others = points._replace(used=points.used * (1.0 - points.group[:, k]))
         value = evidence.all_shapes(others, spins.pole, spins.frequency)
         poles, frequencies = _maxima(others, spins, value)
-        moved = _moved(points, k, poles, frequencies)
-        raised.append(moved.max() - as_it_is)
-        shifted.append((value, poles[np.argmax(moved)], frequencies[np.argmax(moved)]))
-        frequency = spins.frequency[np.argmax(value)]
-        probability = _probability(spins, value, frequency, points.span)
-        if probability >= most and not _same(first, frequency, points.span):
-            most = probability
-            at = spins.pole[np.argmax(value)], float(frequency), probability
-            without = Contradiction((k,), *at, moved=False, agree=1.0 - probability)
-    if max(raised) < BETTER:
-        return without
+        shifted = _moved(points, k, poles, frequencies)
+        i, j = np.argmax(shifted), np.argmax(value)
+        raised[k] = shifted[i] - as_it_is
+        moved.append(_spin(spins, value, poles[i], frequencies[i], points.span))
+        left_out.append(_spin(spins, value, spins.pole[j], spins.frequency[j], points.span))
     order = [int(k) for k in np.argsort(raised)[::-1]]
-    near = [k for k in order if raised[k] > max(raised) - RIVAL or n_curves == 2]
-    value, pole, frequency = shifted[near[0]]
-    at = pole, float(frequency), _probability(spins, value, frequency, points.span)
-    agree = float(expit(BETTER - max(raised)))
-    return Contradiction(tuple(near), *at, moved=True, agree=agree)
+    most = raised[order[0]]
+    if most >= BETTER:
+        near = tuple(k for k in order if raised[k] > most - RIVAL or n_curves == 2)
+        agree = float(expit(BETTER - most))
+        return Contradiction(near, *moved[order[0]], moved=True, agree=agree)
+    first = spins.frequency[np.argmax(every)]
+    other = [k for k in order if not same_period(left_out[k][1], first, points.span)]
+    k = max(other, key=lambda k: left_out[k][2], default=None)
+    if k is None or left_out[k][2] < UNIQUE:
+        return None
+    return Contradiction((k,), *left_out[k], moved=False, agree=1.0 - left_out[k][2])
 
 
 def _maxima(points: SparsePoints, spins: Cells, value: Floats) -> tuple[Floats, Floats]:
@@ -138,11 +145,10 @@ def _moved(points: SparsePoints, curve: int, poles: Floats, frequencies: Floats)
     return np.logaddexp.reduce(value.reshape(-1, PHASES), axis=1) - np.log(PHASES)
 
 
-def _probability(spins: Cells, value: Floats, frequency: float, span: float) -> float:
-    """Of the period of a frequency, among those of the spins."""
+def _spin(
+    spins: Cells, value: Floats, pole: Floats, frequency: float, span: float
+) -> tuple[Floats, float, float]:
+    """Pole and frequency of a spin, and the probability of its period among those of the spins."""
     share = np.exp(value - np.logaddexp.reduce(value))
-    return float(share[_same(spins.frequency, frequency, span)].sum())
-
-
-def _same(frequency: Floats, other: float, span: float) -> NDArray[np.bool_]:
-    return np.abs(frequency - other) * span < SAME_PERIOD
+    probability = share[same_period(spins.frequency, frequency, span)].sum()
+    return pole, float(frequency), float(probability)

@@ -20,7 +20,7 @@ from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.albedo_area.kernel import Material
 from lcbayes.inversion.albedo_area.observed import linear_flux
 from lcbayes.inversion.attitude_scan import nights, search, sparse, stabilised
-from lcbayes.inversion.attitude_scan.contradiction import contradiction
+from lcbayes.inversion.attitude_scan.contradiction import compared
 from lcbayes.inversion.attitude_scan.faceted import polish
 from lcbayes.inversion.attitude_scan.grid import Grid, grid
 from lcbayes.inversion.attitude_scan.harmonics import SparsePoints
@@ -197,9 +197,7 @@ def _sparse_spins(
         periods = sparse.search(sparse_points, settings.period_range_h, 0.5 * settings.period_step)
         if curve.n_curves > 1:
             progress.say("comparing the times of each curve with those of the others")
-        against = scan.contradiction = contradiction(sparse_points, periods.cells)
-        if against is not None:
-            periods = against.doubted(periods, sparse_points.span)
+        periods, scan.contradiction = compared(sparse_points, periods)
         track.advance(1)
     scan.n_periods, scan.n_ranked = len(periods.frequencies), periods.n_ranked
     scan.period_probability = periods.period_probability

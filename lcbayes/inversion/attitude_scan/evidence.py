@@ -87,12 +87,11 @@ def _fits(points: SparsePoints, tilt: jax.Array, frequency: jax.Array) -> Fits:
 def _fits_moved(
     moved: jax.Array, points: SparsePoints, tilt: jax.Array, frequency: jax.Array, turns: jax.Array
 ) -> Fits:
-    """Those with the times of some points later by a part of a turn."""
+    """The same with the body turned further at the points where ``moved`` is one."""
     every = prior(points.group.shape[1])
 
     def one(tilt: jax.Array, frequency: jax.Array, turns: jax.Array) -> Fits:
-        at = points._replace(t=points.t + moved * turns / frequency)
-        return _fit(at, _all_columns(at, tilt, frequency), every)[0]
+        return _fit(points, _all_columns(points, tilt, frequency, moved * turns), every)[0]
 
     return jax.vmap(one)(tilt, frequency, turns)
 
@@ -108,8 +107,11 @@ def _by_class(points: SparsePoints, tilt: jax.Array, frequency: jax.Array) -> tu
     return jax.vmap(one)(tilt, frequency)
 
 
-def _all_columns(points: SparsePoints, tilt: jax.Array, frequency: jax.Array) -> jax.Array:
-    shape = shape_columns(points.bisector, points.across, tilt, points.t * frequency)
+def _all_columns(
+    points: SparsePoints, tilt: jax.Array, frequency: jax.Array, further: Any = 0.0
+) -> jax.Array:
+    turns = points.t * frequency + further
+    shape = shape_columns(points.bisector, points.across, tilt, turns)
     return jnp.concatenate([points.fixed, shape], axis=1)
 
 
@@ -225,7 +227,8 @@ def all_shapes(points: SparsePoints, poles: Floats, frequencies: Floats) -> Floa
 def all_shapes_moved(
     points: SparsePoints, poles: Floats, frequencies: Floats, moved: Floats, turns: Floats
 ) -> Floats:
-    """The same with points (T,), those where ``moved`` is one, later by parts of a turn (B,)."""
+    """The same with the body further by ``turns`` (B,) at the points (T,) where ``moved`` is one,
+    as if these had been observed later."""
     function = partial(_fits_moved, moved)
     spins = tilts(poles), frequencies, turns
     return in_batches(function, points, BATCH, *spins).log_evidence

@@ -4,10 +4,10 @@ A maximum is often much narrower than a cell of the periodogram. The evidence at
 cell may then be below that of a cell elsewhere by tens of nats, and the right pole would never be
 looked at closely. So poles all around the sphere, and frequencies within half a turn over the data,
 are tried near each of the best periods. The best of these are moved uphill to the next maximum by
-damped Gauss-Newton steps, at the noise of the period's best spin. If half or twice a period is then
-the best, its own half and double have to be tried, too: the true period may have two aliases, a
-little over half a turn from it on either side, that are found first, and is twice as near to half
-of their double.
+damped Gauss-Newton steps, at the noise of the period's best spin. Where this leads to half or twice
+a period, its own half and double are tried in turn. A true period may be reached in no other way:
+if an alias is found first, and lies further off than the frequencies that are tried near it, twice
+the alias may still lead to twice the true period, whose half is the true one.
 """
 
 from __future__ import annotations
@@ -29,8 +29,7 @@ from lcbayes.physics.attitude import rotations
 
 Floats = NDArray[np.float64]
 
-ROUNDS = ((16, 4), (2, 2), (2, 2))  # periods whose maxima are sought, and of these also at half and
-# double, unless they were tried before
+ROUNDS = ((16, 4), (2, 2), (2, 2))  # best periods that are tried, and of these also half and double
 POLES = 1  # level of the grid of poles that are tried: 48
 OFFSETS = np.arange(-4, 5) / 8.0  # turns over the data, of the frequencies that are tried
 STEPS, TOLERANCE = 8, 0.1  # steps uphill; nat, of the last
@@ -128,7 +127,10 @@ def divided_at_maxima(
             break
         tried = np.append(tried, frequency[new])
         ends = _ends(points, pole[new], frequency[new], limits)
-        targets = _targets(points, *ends, apart)
+        least = max(ends[2].max(), found.log_evidence.max()) - NATS
+        if not np.any(ends[2] > least):
+            continue
+        targets = _targets(points, *ends, apart, least)
         held = _holding(points, found, targets, frequencies, apart, level)
         found = evidence.reaching(points, held, targets)
     return found
@@ -186,10 +188,15 @@ def _ends(
 
 
 def _targets(
-    points: SparsePoints, pole: Floats, frequency: Floats, value: Floats, apart: float
+    points: SparsePoints,
+    pole: Floats,
+    frequency: Floats,
+    value: Floats,
+    apart: float,
+    least: float,
 ) -> Cells:
-    """Small cells at the best of the distinct maxima, and around them."""
-    left, chosen = value > value.max() - NATS, []
+    """Small cells at the best of the distinct maxima above a least evidence, and around them."""
+    left, chosen = value > least, []
     for i in np.argsort(-value, kind="stable"):
         if left[i] and len(chosen) < MOST:
             chosen.append(i)

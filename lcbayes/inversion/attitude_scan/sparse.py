@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from lcbayes.core.constants import DAY_S
 from lcbayes.core.errors import InputError
@@ -314,18 +314,23 @@ def _solutions(cells: Cells, rest: float, span: float) -> list[Spin]:
     found.sort(key=lambda x: -x[1])
     found = [(i, p) for k, (i, p) in enumerate(found) if p >= LISTED or k == 0]
     f = np.array([cells.frequency[i] for i, _ in found])
-    within = [np.abs(cells.frequency - g) * span < SAME_PERIOD for g in f]
+    within = [same_period(cells.frequency, g, span) for g in f]
     of_period = np.array([share[cells_of].sum() for cells_of in within])
     # solutions of one period have its probability, that of the best interval around one of them
-    most = [float(of_period[np.abs(f - g) * span < SAME_PERIOD].max()) for g in f]
+    most = [float(of_period[same_period(f, g, span)].max()) for g in f]
     spins = [
         Spin(pole[i], float(cells.frequency[i]), p, float(cells.log_evidence[i]), of_its_period)
         for (i, p), of_its_period in zip(found, most, strict=True)
     ]
-    return most_probable_first(spins, span)
+    return most_probable_first(spins)
 
 
-def most_probable_first(spins: list[Spin], span: float) -> list[Spin]:
-    """Spins of the most probable period first, each part in the order of its probabilities."""
-    f = max(spins, key=lambda s: s.period_probability).frequency
-    return sorted(spins, key=lambda s: (abs(s.frequency - f) * span >= SAME_PERIOD, -s.probability))
+def most_probable_first(spins: list[Spin]) -> list[Spin]:
+    """Spins of the most probable period, then all others, each by their probabilities."""
+    most = max(s.period_probability for s in spins)
+    return sorted(spins, key=lambda s: (s.period_probability < most, -s.probability))
+
+
+def same_period(frequency: ArrayLike, other: float, span: float) -> NDArray[np.bool_]:
+    """Whether frequencies are of one period with another, less than a turn over the data apart."""
+    return np.abs(np.asarray(frequency) - other) * span < SAME_PERIOD

@@ -16,7 +16,7 @@ from lcbayes.core.reasons import Finding
 from lcbayes.core.time_limit import check_time
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inversion.attitude_scan import engine, sparse, verdict
-from lcbayes.inversion.attitude_scan.contradiction import contradiction
+from lcbayes.inversion.attitude_scan.contradiction import compared
 from lcbayes.inversion.attitude_scan.harmonics import SparsePoints
 from lcbayes.inversion.attitude_scan.limits import unsuited
 from lcbayes.inversion.attitude_scan.result import AttitudeScan, Solution
@@ -62,10 +62,7 @@ def rows_of(curve: LightCurve, effort: Effort) -> tuple[list[dict[str, Any]], li
     if why := unsuited(curve):
         raise InputError(why)
     few = SparsePoints.of(curve)
-    found = sparse.search(few, effort.period_range_h, effort.step)
-    against = contradiction(few, found.cells)
-    if against is not None:
-        found = against.doubted(found, few.span)
+    found, against = compared(few, sparse.search(few, effort.period_range_h, effort.step))
     spins = found.spins[: effort.keep]
     scan = _scan(curve, effort, found)
     scan.contradiction = against

@@ -143,7 +143,7 @@ def improbable(
     other: dict[str, float] = {}
     for s, row in zip(scan.solutions[1:], solutions[1:], strict=True):
         assert s.frequency is not None
-        if abs(s.frequency - best.frequency) * span >= sparse.SAME_PERIOD:
+        if not sparse.same_period(s.frequency, best.frequency, span):
             name = written_period(row["period_h"], row["period_resolution_h"])
             other[name] = other.get(name, 0.0) + (s.probability or 0.0)
         elif row["relation"] in (SAME, MIRROR):

@@ -126,8 +126,8 @@ def test_targets_are_distinct_and_cover_their_surroundings(points):
     """Two ends at one maximum make one target; a maximum that is too low makes none."""
     poles = np.array([POLE, unit(POLE + 0.02), -POLE, unit(np.array([1.0, 0, 0]))])
     f = np.full(4, TRUE_HZ[0])
-    value = np.array([10.0, 9.0, 8.0, 9.0 - maxima.NATS])
-    targets = maxima._targets(points, poles, f, value, 0.25 / points.span)
+    value = np.array([10.0, 9.0, 8.0, -31.0])
+    targets = maxima._targets(points, poles, f, value, 0.25 / points.span, -30.0)
     assert len(targets.cell) == 2 * 5
     assert np.all(targets.level == maxima.TARGET_LEVEL)
     off = np.degrees(np.arccos(np.abs(targets.pole @ POLE)))

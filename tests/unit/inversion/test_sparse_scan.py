@@ -240,6 +240,18 @@ def test_a_spin_is_found_with_its_probability(found, points):
     assert 0.99 < total <= 1.0 + 1e-9
 
 
+def test_neighbours_of_the_best_interval_come_first():
+    """Spins at 0, 0.7 and 1.4 turns: the middle one is within a turn of both others, so that all
+    three have the probability of the interval around it."""
+    turns, shares = np.array([0.0, 0.7, 1.4, 50.0]), [0.02, 0.01, 0.03, 0.9]
+    of_period = [0.06, 0.06, 0.06, 0.05]
+    spins = [
+        sparse.Spin(POLE, t, p, 0.0, q) for t, p, q in zip(turns, shares, of_period, strict=True)
+    ]
+    assert [s.frequency for s in sparse.most_probable_first(spins)] == [1.4, 0.0, 0.7, 50.0]
+    assert sparse.same_period(turns, 0.7, 1.0).tolist() == [True, True, True, False]
+
+
 def test_noise_has_no_probable_period():
     sphere = sparse_surveys.observed(noise=0.1, axes=np.ones(3))
     found = sparse.search(SparsePoints.of(sphere), (5.0, 6.0))
