@@ -172,6 +172,18 @@ def test_an_asteroid_without_a_period_is_scanned_over_all_usual_ones(six_nights,
     )
 
 
+def test_a_period_too_short_for_an_asteroid_does_not_hide_the_scan_of_all(six_nights):
+    """A trend within nights may look like a rapid rotation."""
+    asteroid = lcbayes.look(six_nights[0])
+    rapid = lcbayes.look(steady(3, 50.0, spinning=True)).data
+    advised = advise(asteroid.curve, dict(asteroid.content), rapid)
+    every, near, fit = [one for one in advised if one.suits]
+    assert "--period-range 2,1000 --first-stage periodogram" in every.command
+    assert every.why.startswith("no usual period is detected")
+    assert "far shorter than those usual for asteroids" in near.why
+    assert "--start-from scan" in fit.command
+
+
 @pytest.mark.parametrize(
     "change",
     [

@@ -91,8 +91,15 @@ class Known:
         return self._unknown and self.curve.frame == "inertial"
 
     @property
+    def rapid(self) -> bool:
+        """Whether the period is far shorter than those usual for asteroids, so that a trend within
+        the nights is the likelier cause."""
+        return self.period is not None and 2.0 * self.period < PERIODS_H[0] * HOUR_S
+
+    @property
     def _unknown(self) -> bool:
-        return self.asteroid and self.period is None and not unsuited(self.curve)
+        unknown = self.period is None or self.rapid
+        return self.asteroid and unknown and not unsuited(self.curve)
 
 
 def advise(curve: LightCurve, facts: dict[str, Any], candidates: Candidates | None) -> list[Advice]:
@@ -210,7 +217,8 @@ def _asteroid(known: Known) -> Iterator[Advice]:
 def _scan(known: Known) -> Iterator[Advice]:
     if known.blind:
         yield _blind_scan(known)
-        return
+        if not known.rapid:
+            return
     low, high = _period_range(known)
     if known.period is None:
         hint = "FROM,TO"
@@ -219,6 +227,8 @@ def _scan(known: Known) -> Iterator[Advice]:
     else:
         hint = f"{low / HOUR_S:.6g},{high / HOUR_S:.6g}"
     why = "no period is detected: give a range" if known.period is None else "a period is detected"
+    if known.blind:
+        why += ", but far shorter than those usual for asteroids: a trend within nights may give it"
     if known.nameless:
         why += (
             ", or, if the axes are those of the ecliptic J2000, say so with a first line "
@@ -247,9 +257,8 @@ def _scan(known: Known) -> Iterator[Advice]:
 
 def _blind_scan(known: Known) -> Advice:
     """A scan of all usual periods of asteroids, as by `lcbayes survey`."""
-    why = (
-        "no period is detected in single nights or adjacent ones; all of them together may show it"
-    )
+    found = "no usual period" if known.rapid else "no period"
+    why = f"{found} is detected in single nights or adjacent ones; all of them together may show it"
     cost = BLIND_S + BLIND_POINT_S * known.curve.n_obs
     periods = ",".join(f"{hours:g}" for hours in PERIODS_H)
     words = ("--period-range", periods, "--first-stage", "periodogram")
