@@ -173,7 +173,7 @@ def contradicted(scan: AttitudeScan, curve: LightCurve) -> Iterator[Finding]:
     period_h = 1.0 / (HOUR_S * of.frequency)
     period = written_period(period_h, scan.resolution_h(period_h))
     of_period = f"without it the period is {period} (probability {probability(of.probability)})"
-    moved = ", and moved in time it agrees with them" if of.moved else ""
+    moved = ", and moved in time it agrees with them far better" if of.moved else ""
     names = [curve.dated_titles[k] for k in of.curves]
     values = {"curve": " or ".join(names), "others": of_period + moved}
     yield Finding("curve-contradicts", values)
