@@ -144,12 +144,9 @@ def draw_panels(results: Results, gallery: Gallery) -> tuple[list[Image], str]:
     for number, part in enumerate(parts):
         figure = gallery.figure(*((10.0, 4.0) if large else (5.4, 3.2)))
         _draw_segment(figure, results, part, quantiles, sigma)
-        epoch = results.attrs.get("epoch_jd")
-        start = results.t[part.points[0]]
-        when = f" from {date(epoch + start / 86400, clock=True)}" if epoch else ""
         alt = (
-            f"Light curve {part.curve + 1}{when}: {part.points.size} observed points over the "
-            "50 % and 90 % bands of the prediction, residuals below."
+            f"{segment_title(results, part)}: observed brightness over the 50 % and 90 % bands of "
+            "the prediction, residuals below."
         )
         images.append(gallery.add(figure, f"light-curve-{number + 1:02d}", alt))
     return images, note

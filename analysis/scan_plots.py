@@ -258,7 +258,7 @@ def draw_fit(scan: AttitudeScan, gallery: Gallery) -> Image:
         line = np.where(np.diff(x[order], append=np.inf) > GAP * np.ptp(x), np.nan, line)
         axes.plot(x[order], line, "-", lw=1.0, color=colour(1), alpha=float(dense))
         axes.plot(x[order], fitted[here][order], ".", ms=2.0, color=colour(1))
-        axes.set_title(f"curve {group + 1}", fontsize=8)
+        axes.set_title(scan.curve_titles[group], fontsize=8)
         axes.locator_params(nbins=4)
     figure.supxlabel("rotational phase" if folded else "time since the curve began (min)", size=9)
     figure.supylabel("flux ÷ mean of the curve", size=9)

@@ -68,6 +68,7 @@ def _plain(scan: AttitudeScan) -> dict[str, Any]:
         "left_out",
         "timing",
         "epoch_jd",
+        "curve_titles",
         "period_probability",
         "n_ranked",
         "nights",

@@ -110,6 +110,7 @@ def run(
         curve.curve,
         flux,
         epoch_jd=curve.epoch_jd,
+        curve_titles=curve.dated_titles,
     )
     chosen, scan.left_out = stabilised.chosen(settings.laws, curve, settings.period_h)
     scan.n_laws = len(chosen)

@@ -122,6 +122,8 @@ class AttitudeScan:
     frame : str
     t, curve, flux : (T,)
         Time (s), group and flux over the mean of its curve for each point; for figures.
+    curve_titles : tuple of str
+        Of each group, with the day of its first point; for figures.
     timing : mapping of seconds
     epoch_jd : float or None
         Julian date of t = 0; None if only seconds are known.
@@ -152,6 +154,7 @@ class AttitudeScan:
     sky: tuple[Floats, Floats] | None = None
     timing: dict[str, float] = field(default_factory=dict)
     epoch_jd: float | None = None
+    curve_titles: tuple[str, ...] = ()
     period_probability: float | None = None
     n_ranked: int = 0
     nights: dict[str, Any] | None = None
