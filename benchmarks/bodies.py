@@ -1,7 +1,7 @@
 """Bodies of known shape: is the motion found, and are missing shadows noticed?
 
     python benchmarks/bodies.py [--first 0] [--cases 20] [--body rocket-stage] [--spin flat]
-        [--passes 2] [--snr 30] [--without-shadows] [--fit] [-o DIR]
+        [--passes 2] [--snr 30] [--without-shadows] [--fit | --optimum] [-o DIR]
 
 Each case is a bundled body with a random surface and a random motion (one turn in 20 to 200 s),
 seen on random passes of a low orbit and simulated with the shadows of its file; see `_body_cases`.
@@ -12,7 +12,9 @@ the body that is fitted has none. χ² of the best end point, or the largest shi
 of parameters by the shadows computed there, shows whether that is noticed. With --fit, each curve
 is fitted by `lcbayes.fit` instead: is it trusted, is the motion right, and which of rate, pole and
 surface lie outside their 90 % intervals in the solution of weight above 5 % whose motion is closest
-to the truth? One row a case is appended to bodies.csv in DIR; cases there are not repeated.
+to the truth? With --optimum, nothing is searched and nothing is sampled: which quantities lie
+outside the 90 % intervals of the Gaussian about the posterior optimum that is reached from the
+truth? One row a case is appended to bodies.csv in DIR; cases there are not repeated.
 """
 
 from __future__ import annotations
@@ -20,7 +22,9 @@ from __future__ import annotations
 import argparse
 import csv
 import time
+from collections import Counter
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +35,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 import lcbayes
-from lcbayes.core.jax_setup import jnp
+from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Silent
 from lcbayes.inference import search
 from lcbayes.inference.goodness_of_fit import measure
@@ -46,6 +50,7 @@ from lcbayes.results.summary import MAX_SHIFT
 TOLERANCE = 0.5  # nats
 NOTICED = 0.01  # p-value of χ²
 WORKERS = 2
+DRAWS = 4_000  # of the Gaussian about an optimum
 COLUMNS = (
     "task",
     "body",
@@ -69,12 +74,20 @@ COLUMNS = (
 )
 
 
-def searched(case: Case, given: dict[str, object]) -> dict[str, object]:
-    """The best end point of the search against the optimum reached from the truth."""
+type Given = dict[str, object]
+
+
+def _problem(case: Case, given: Given) -> tuple[Problem, Epochs, dict[str, Any]]:
+    """The posterior of a case, its data and its options."""
     entry, data = registry.find("body"), Epochs.of(case.curve)
     options = entry.check({o.name: o.default for o in entry.options.values()} | given)
-    problem, _ = build_problem(entry, options | entry.pooled, data)
-    hook = entry.hook("search")
+    return build_problem(entry, options | entry.pooled, data)[0], data, options
+
+
+def searched(case: Case, given: Given) -> dict[str, object]:
+    """The best end point of the search against the optimum reached from the truth."""
+    problem, data, options = _problem(case, given)
+    hook = registry.find("body").hook("search")
     assert hook is not None
     begun = time.monotonic()
     ends, _ = hook(problem, data, options, WORKERS, Silent())
@@ -86,15 +99,15 @@ def searched(case: Case, given: dict[str, object]) -> dict[str, object]:
         "nats_above_truth": float(ends.potential[0] - truth.potential[0]),
         "right": _right(case, np.asarray(best["omega"])),
         "p_chi2": float(chi2.sf(misfit.chi2, misfit.dof)),
-        "shift_sd": _shift(problem, data, options | entry.pooled, ends.z[0]),
+        "shift_sd": _shift(problem, data, options, ends.z[0]),
         "search_s": seconds,
     }
 
 
-def _shift(problem: Problem, data: Epochs, options: Mapping[str, Any], z: np.ndarray) -> float:
+def _shift(problem: Problem, data: Epochs, options: dict[str, Any], z: np.ndarray) -> float:
     """Largest shift of a combination of parameters by shadows that are left out, in its sd."""
     sites = compiled(problem.constrain)(z, data)
-    change = shadows_left_out([sites], data, **options)
+    change = shadows_left_out([sites], data, **options | registry.find("body").pooled)
     if change is None:
         return 0.0
     maker = Projection.of(problem, np.asarray(z), data)
@@ -135,7 +148,62 @@ def _apart(case: Case, omega: np.ndarray) -> tuple[float, float]:
     return float(np.degrees(np.arccos(cosine))) / 10.0, turns
 
 
-def fitted(case: Case, given: dict[str, object]) -> dict[str, object]:
+def at_optimum(case: Case, given: Given) -> dict[str, object]:
+    """The intervals of the Gaussian about the posterior optimum that is reached from the truth."""
+    problem, data, options = _problem(case, given)
+    anywhere = np.full(problem.dim, 0.3)  # a motion that is not zero, in its unit
+    moved = compiled(problem.constrain)(_truth(problem, data, case, anywhere), data)
+    true = {k: np.asarray(moved[k]) for k in problem.names}
+    for name, value in case.surface.items():
+        true |= {name: value} if name in true else {f"log_{name}": np.log(value)}
+    unit = compiled(problem.constrain)(problem.ravel(_arrays(true)), data)["size"]
+    true["log_brightness"] = true["log_brightness"] - np.log(unit)  # of a body of its size
+    start = np.asarray(problem.ravel(_arrays(true)))
+    end = search.polish(problem, data, start[None], 1)
+    z = np.asarray(end.z[0])
+    fisher = np.asarray(compiled(problem.fisher)(z, data))
+    values, vectors = np.linalg.eigh(0.5 * (fisher + fisher.T))
+    unit_draws = np.random.default_rng(case.curve.n_obs).standard_normal((DRAWS, z.size))
+    draws = z + (unit_draws / np.sqrt(np.maximum(values, 1e-4))) @ vectors.T
+    posterior = _drawn(problem, tuple(case.surface), draws, data)
+    misfit = measure(problem, data, end.z)
+    inside = _inside(case, {k: np.asarray(v) for k, v in posterior.items()})
+    return {
+        "nats_above_truth": float(end.potential[0])
+        - float(compiled(problem.potential)(start, data)),
+        "p_chi2": float(chi2.sf(misfit.chi2, misfit.dof)),
+        "shift_sd": _shift(problem, data, options, z),
+        "outside": encoded(inside),
+        "quantities": len(inside),
+    }
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _drawn(problem: Problem, surface: tuple[str, ...], draws: jax.Array, data: Epochs) -> Any:
+    """ω and the parameters of the surface at draws (n, D)."""
+
+    def one(z: jax.Array) -> Any:
+        sites = problem.constrain(z, data)
+        return {k: sites[k] for k in ("omega", *surface)}
+
+    return jax.vmap(one)(draws)
+
+
+def _arrays(sites: Mapping[str, Any]) -> dict[str, jax.Array]:
+    return {k: jnp.asarray(v, float) for k, v in sites.items()}
+
+
+def _inside(case: Case, posterior: Mapping[str, Any]) -> dict[str, bool]:
+    """Which of rate, pole and surface lie inside their 90 % intervals."""
+    omega = np.asarray(posterior["omega"]).reshape(-1, 3)
+    inside = {"rate": within(np.linalg.norm(omega, axis=1), float(np.linalg.norm(case.omega)))}
+    inside |= {f"pole {k}": held for k, held in direction_within(omega, case.omega).items()}
+    for name, true in case.surface.items():
+        inside[name] = within(np.asarray(posterior[name]).ravel(), true)
+    return inside
+
+
+def fitted(case: Case, given: Given) -> dict[str, object]:
     """The verdict of `lcbayes.fit`, and what the solution closest to the truth says."""
     begun = time.monotonic()
     result = lcbayes.fit(case.curve, model="body", seed=1, **given)
@@ -147,10 +215,7 @@ def fitted(case: Case, given: dict[str, object]) -> dict[str, object]:
             omega = np.asarray(posterior["omega"]).reshape(-1, 3)
             solutions.append((max(_apart(case, omega.mean(0))), omega, posterior))
     _, omega, posterior = min(solutions, key=lambda one: one[0])
-    inside = {"rate": within(np.linalg.norm(omega, axis=1), float(np.linalg.norm(case.omega)))}
-    inside |= {f"pole {k}": held for k, held in direction_within(omega, case.omega).items()}
-    for name, true in case.surface.items():
-        inside[name] = within(np.asarray(posterior[name]).ravel(), true)
+    inside = _inside(case, posterior)
     return {
         "trusted": result.trusted,
         "reasons": " ".join(reason.code for reason in result.reasons),
@@ -170,14 +235,16 @@ def main() -> None:
     parser.add_argument("--passes", type=int, default=2)
     parser.add_argument("--snr", type=float, default=30.0)
     parser.add_argument("--without-shadows", action="store_true")
-    parser.add_argument("--fit", action="store_true")
+    how = parser.add_mutually_exclusive_group()
+    how.add_argument("--fit", dest="task", action="store_const", const="fit", default="search")
+    how.add_argument("--optimum", dest="task", action="store_const", const="optimum")
     parser.add_argument("-o", "--out", type=Path, default=Path("build/bodies"))
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
     path = args.out / "bodies.csv"
     rows = list(csv.DictReader(path.open(encoding="utf-8"))) if path.exists() else []
     about = {
-        "task": "fit" if args.fit else "search",
+        "task": args.task,
         "body": args.body,
         "spin": args.spin,
         "passes": args.passes,
@@ -190,7 +257,7 @@ def main() -> None:
     for seed in sorted({*range(args.first, args.first + args.cases)} - known):
         case = drawn(args.body, args.spin, seed, args.snr, args.passes)
         row = about | {"seed": seed, "turns": case.turns}
-        row |= fitted(case, given) if args.fit else searched(case, given)
+        row |= TASKS[args.task](case, given)
         new = not path.exists()
         with path.open("a", encoding="utf-8", newline="") as file:
             writer = csv.DictWriter(file, COLUMNS)
@@ -200,10 +267,25 @@ def main() -> None:
         print(row, flush=True)
         rows.append({k: str(v) for k, v in row.items()})
     mine = [r for r in rows if [r[k] for k in about] == key]
-    if args.fit:
-        verdicts(mine)
-    else:
-        searches(mine)
+    {"fit": verdicts, "optimum": optima, "search": searches}[args.task](mine)
+
+
+TASKS = {"fit": fitted, "optimum": at_optimum, "search": searched}
+
+
+def _noticed(row: dict[str, str]) -> bool:
+    """Whether a fit without shadows would be refused."""
+    return float(row["p_chi2"]) < NOTICED or float(row["shift_sd"]) > MAX_SHIFT
+
+
+def optima(mine: list[dict[str, str]]) -> None:
+    """Which quantities are inside, of all cases and of those that would not be refused."""
+    for what, rows in (("all", mine), ("not refused", [r for r in mine if not _noticed(r)])):
+        counts = np.array([float(r["quantities"]) for r in rows])
+        missed = [[q for q in r["outside"].split(";") if q] for r in rows]
+        hits = counts - np.array([len(names) for names in missed], float)
+        print(f"{what}: {len(rows)} cases, inside 90 %: {hits.sum():.0f} of {counts.sum():.0f}")
+        print(f"  {pooled(hits, counts)}; outside: {Counter(n for m in missed for n in m)}")
 
 
 def searches(mine: list[dict[str, str]]) -> None:

@@ -360,7 +360,8 @@ class Stages:
                 )
                 z = _in_order(problem, order, z, z0, data)
                 rng = np.random.default_rng([settings.seed, i])
-                log_z = evidence(problem, data, order, whitening, z, z0, rng)
+                energies = np.asarray(stats["potential_energy"], float)
+                log_z = evidence(problem, data, order, whitening, z, z0, rng, energies)
                 join(modes, Mode(joint(group), z, stats, log_z, tuning=tuning), order)
         recount(modes, self.plain, problem, found.ends, order, data)
         left, share = unsampled(modes, self.plain, problem, rest, order, data)
@@ -419,13 +420,20 @@ def evidence(
     z: Floats,
     z0: Floats,
     rng: np.random.Generator,
+    energies: Floats | None = None,
 ) -> LogEvidence:
-    """Evidence of a solution z0 (D,) from its draws z (C, S, D), over all facet orders."""
+    """Evidence of a solution z0 (D,) from its draws z (C, S, D), over all facet orders.
+
+    ``energies`` (C, S) are −ln p of the draws, if they are known.
+    """
     flat = z.reshape(-1, z.shape[-1])
     y = np.linalg.solve(whitening.factor, (z - whitening.centre).reshape(flat.shape).T)
     reference = order.like(z0, flat.mean(axis=0))
     potential = _potential(problem, whitening, data, order, reference)
-    found = bridge.bridge(y.T.reshape(z.shape), potential, BRIDGE_ESS, rng)
+    if energies is not None:
+        inside = np.all(order.like_all(flat, reference) == flat, axis=1)
+        energies = np.where(inside, energies.ravel(), np.inf).reshape(energies.shape)
+    found = bridge.bridge(y.T.reshape(z.shape), potential, BRIDGE_ESS, rng, energies)
     shift = np.linalg.slogdet(whitening.factor)[1] + order.log_orders
     return LogEvidence(float(found.value + shift), found.se)
 

@@ -31,6 +31,11 @@ def constrain_draws(problem: Problem, z: Floats, data: Epochs) -> dict[str, NDAr
     return {k: v.reshape(*z.shape[:2], *v.shape[1:]) for k, v in sites.items()}
 
 
+def without_epochs(sites: Sites) -> Sites:
+    """The sites without those that have one value per epoch."""
+    return {k: v for k, v in sites.items() if k not in PER_EPOCH}
+
+
 def potentials(problem: Problem, z: Floats, data: Epochs) -> Floats:
     """−ln p(y, z) for rows (n, D), as (n,)."""
     return on_all_cores(lambda rows: _potentials(problem, rows, data), z)
@@ -57,8 +62,7 @@ def _potentials(problem: Problem, rows: Floats, data: Epochs) -> jax.Array:
 @partial(jax.jit, static_argnums=0)
 def _constrained(problem: Problem, rows: Floats, data: Epochs) -> Sites:
     def one(row: jax.Array) -> Sites:
-        sites = problem.constrain(row, data)
-        return {k: v for k, v in sites.items() if k not in PER_EPOCH}
+        return without_epochs(problem.constrain(row, data))
 
     together = int(np.clip(VALUES // data.t.size, 1, 32))
     return jax.lax.map(one, jnp.asarray(rows), batch_size=together)

@@ -25,7 +25,7 @@ from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference.fit import Mode, Posterior
 from lcbayes.inference.loo import loo, without_tail
 from lcbayes.inference.prior_mass import prior_sample
-from lcbayes.modelling.constrained import constrain_draws
+from lcbayes.modelling.constrained import constrain_draws, without_epochs
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import FLUX, OBSERVED, OUTLIER
 from lcbayes.modelling.nuisances import INTEGRATED_OUT, drawn
@@ -161,14 +161,17 @@ def tree(
     length = min(m.z.shape[1] for m in modes)
     z = np.concatenate([m.z[:, :length] for m in modes])
     rng = np.random.default_rng([seed, 3])
-    draws = (dataset(drawn(constrain_draws(problem, m.z, data), rng)) for m in modes)
-    apart = [_with_phase_laws(one, curve, data) for one in draws]
+    keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), 1), len(modes))
+    sites, *each = zip(
+        *(_recorded(problem, m.z, data, k) for m, k in zip(modes, keys, strict=True)), strict=True
+    )
+    apart = [_with_phase_laws(dataset(drawn(one, rng)), curve, data) for one in sites]
+    pointwise, replicated = (np.concatenate([x[:, :length] for x in of]) for of in each)
     chains = _chains(modes)
     whole = _stacked(apart, length).assign_coords(chains)
     point = {"time": np.arange(curve.n_obs)}
     points = xr.Dataset(coords={k: whole[k] for k in ("chain", "draw", *chains)} | point)
     time = ("chain", "draw", "time")
-    pointwise, replicated = _predictions(problem, z, data, seed)
     rows = weighted_rows(whole, seed=seed)
     predicted = points.assign({OBSERVED: (time, replicated)})
     if (probability := _outliers(problem, z, data, rows)) is not None:
@@ -292,23 +295,25 @@ def _sampling(posterior: Posterior, modes: Sequence[Mode]) -> dict[str, Any]:
     return attrs
 
 
-def _predictions(problem: Problem, z: Floats, data: Epochs, seed: int) -> tuple[Floats, Floats]:
-    """Pointwise log likelihood and one replicate of the data for each draw, (C, S, T)."""
-    keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), 1), z.shape[0] * z.shape[1])
-    each = on_all_cores(
-        lambda *rows: _predicted(problem, *rows, data), z.reshape(-1, z.shape[2]), keys
-    )
-    pointwise, replicated = (x.reshape(*z.shape[:2], -1) for x in each)
-    return pointwise, replicated
+def _recorded(
+    problem: Problem, z: Floats, data: Epochs, key: jax.Array
+) -> tuple[dict[str, NDArray[Any]], Floats, Floats]:
+    """Every site without one value per epoch, (C, S, ...), and, (C, S, T), the pointwise log
+    likelihood and one replicate of the data. They share the brightness, which is slow to compute.
+    """
+    rows = z.reshape(-1, z.shape[2]), jax.random.split(key, z.shape[0] * z.shape[1])
+    found = on_all_cores(lambda *some: _predicted(problem, *some, data), *rows)
+    return jax.tree.map(lambda x: x.reshape(*z.shape[:2], *x.shape[1:]), found)
 
 
 @partial(jax.jit, static_argnums=0)
 def _predicted(problem: Problem, rows: jax.Array, keys: jax.Array, data: Epochs):
-    def one(args: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+    def one(args: tuple[jax.Array, jax.Array]) -> tuple[Sites, jax.Array, jax.Array]:
         row, key = args
         sites = problem.constrain(row, data)
         replicate = problem.replicate(row, data, key, sites)
-        return problem.log_likelihood(row, data, sites[FLUX]), replicate
+        likelihood = problem.log_likelihood(row, data, sites[FLUX])
+        return without_epochs(sites), likelihood, replicate
 
     return jax.lax.map(one, (rows, keys))
 

@@ -90,6 +90,7 @@ def bridge(
     potential: Callable[[Floats], Floats],
     ess: float,
     rng: np.random.Generator,
+    energies: Floats | None = None,
 ) -> LogEvidence:
     """Evidence of the solution sampled by ``draws``.
 
@@ -107,6 +108,8 @@ def bridge(
         Effective sample size of all draws. It enters the weights s₁ and s₂ of the optimal h and
         the error.
     rng : numpy Generator
+    energies : (C, S), optional
+        The potential of each draw, where it is known; otherwise it is computed.
 
     References
     ----------
@@ -118,7 +121,8 @@ def bridge(
     q = Mixture.of(fit, rng)
     proposal = q.draws(len(use), rng)
 
-    log_p_use, log_p_new = -potential(use), -potential(proposal)
+    known = potential(use) if energies is None else energies[:, half:].ravel()
+    log_p_use, log_p_new = -known, -potential(proposal)
     n_use = min(len(use), ess * len(use) / draws[..., 0].size)
     ratios = log_p_use - q.log_density(use), log_p_new - q.log_density(proposal)
     return log_ratio(*ratios, n_use, len(proposal))

@@ -5,17 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from jax.flatten_util import ravel_pytree
 from numpyro.infer import NUTS
 from numpyro.infer.hmc import HMCState
 
 from lcbayes.core.jax_setup import jax, jnp
 
 FOLLOWED = 2  # transitions along the guide for one value of the exact density
-EVERY = 10  # one draw in so many follows the exact density
+EVERY = 10  # one draw in so many does without the guide
+WALKED = 8  # steps of a random walk to that draw
+STEP = 2.4  # widths of the posterior over √D, with which a walk is fastest
 
 
 class Guided(NUTS):
-    """Delayed acceptance (Christen & Fox 2005, JCGS 14, 795), in turn with NUTS.
+    """Delayed acceptance (Christen & Fox 2005, JCGS 14, 795), in turn with a random walk.
 
     `FOLLOWED` transitions of NUTS lead from θ to θ′. They leave the guide exp(−Ũ) invariant and are
     reversible: each point of a finished tree leads to the same tree with the same probability, and
@@ -25,21 +28,23 @@ class Guided(NUTS):
         min{1, exp[U(θ) − U(θ′) − Ũ(θ) + Ũ(θ′)]},
 
     so that the chain leaves exp(−U) invariant, whatever the guide. A draw costs gradients of the
-    guide and one value of U. Where Ũ is far too large, no proposal would be accepted for a long
-    time; every tenth draw is therefore a transition of NUTS along U. The warm-up follows the guide
+    guide and one value of U, and no gradient of U is ever compiled. Where Ũ is far too large, no
+    proposal would be accepted for a long time; every tenth draw is therefore that of a random walk
+    of `WALKED` steps with the widths of the warm-up, which U alone accepts or rejects (Roberts,
+    Gelman & Gilks 1997, Ann. Appl. Probab. 7, 110, for `STEP`). The warm-up follows the guide
     alone.
 
     Parameters
     ----------
     guide, exact : callable
-        NumPyro models of Ũ and of U, of the same sites.
+        NumPyro models of Ũ and of U, of the same site, a vector.
     """
 
     def __init__(
         self, guide: Callable[..., Any], exact: Callable[..., Any], **options: Any
     ) -> None:
         super().__init__(guide, **options)
-        self._along_exact = NUTS(exact, **options)
+        self._exact = NUTS(exact)  # of which only the density is used
         self._num_warmup = 0
 
     def init(
@@ -47,58 +52,75 @@ class Guided(NUTS):
     ) -> HMCState:
         self._num_warmup = num_warmup
         given = rng_key, num_warmup, init_params, model_args, model_kwargs or {}
-        self._along_exact.init(*given)
+        self._exact.init(*given)
         return super().init(*given)
 
     def sample(self, state: HMCState, model_args, model_kwargs) -> HMCState:
         """One transition of one chain. ``potential_energy`` is U, but Ũ during the warm-up."""
         args = model_args, model_kwargs
-        guide_fn, exact_fn = (x.get_potential_fn(*args) for x in (self, self._along_exact))
-
+        guide_fn, exact_fn = (x.get_potential_fn(*args) for x in (self, self._exact))
         drawn = state.i - self._num_warmup
-
-        def followed(before: HMCState) -> HMCState:
-            return super(Guided, self).sample(before, *args)
+        warmup, walk = drawn < 0, (drawn + 1) % EVERY == 0
 
         def again(_: int, before: HMCState) -> HMCState:
-            new = followed(before)
+            new = super(Guided, self).sample(before, *args)
             return new._replace(
                 num_steps=before.num_steps + new.num_steps,
                 diverging=before.diverging | new.diverging,
             )
 
+        # U has taken the place of Ũ in the state, and a walk leaves no gradient of Ũ. Each further
+        # mention of a density would be compiled once more.
+        guide, grad = jax.value_and_grad(guide_fn)(state.z)
+        start = state._replace(
+            potential_energy=guide,
+            z_grad=grad,
+            num_steps=jnp.zeros_like(state.num_steps),
+            diverging=jnp.zeros_like(state.diverging),
+        )
+        count = jnp.where(warmup, 1, jnp.where(walk, 0, FOLLOWED))
+        after = jax.lax.fori_loop(0, count, again, start)
+
         def judged() -> HMCState:
-            guide = guide_fn(state.z)
-            one = followed(state._replace(potential_energy=guide))
-            after = jax.lax.fori_loop(1, FOLLOWED, again, one)
             rng_key, key = jax.random.split(after.rng_key)
-            exact = exact_fn(after.z)
+
+            def step(i: int, carry: tuple[Any, jax.Array, jax.Array]):
+                z, potential, total = carry
+                key_step, key_accept = jax.random.split(jax.random.fold_in(key, i))
+                walked = jax.tree.map(lambda x: x + _step(key_step, state), z)
+                proposed = jax.tree.map(lambda x, y: jnp.where(walk, x, y), walked, after.z)
+                exact = exact_fn(proposed)
+                change = potential - exact + after.potential_energy - guide
+                accept = jnp.where(jnp.isfinite(exact), jnp.exp(jnp.minimum(change, 0.0)), 0.0)
+                accepted = jax.random.uniform(key_accept) < accept
+                kept = jax.tree.map(
+                    lambda new, old: jnp.where(accepted, new, old),
+                    (proposed, exact),
+                    (z, potential),
+                )
+                return *kept, total + accept
+
             # U of the point where the warm-up ends is not known, and any other is better
             before = jnp.where(drawn == 0, jnp.inf, state.potential_energy)
-            change = before - exact - guide + after.potential_energy
-            accept = jnp.where(jnp.isfinite(exact), jnp.exp(jnp.minimum(change, 0.0)), 0.0)
-            accepted = jax.random.uniform(key) < accept
-            z, grad, potential = jax.tree.map(
-                lambda new, old: jnp.where(accepted, new, old),
-                (after.z, after.z_grad, exact),
-                (state.z, state.z_grad, before),
-            )
-            last = jnp.where(accepted, after.potential_energy, guide)
+            number = jnp.where(walk, WALKED, 1)
+            z, potential, total = jax.lax.fori_loop(0, number, step, (state.z, before, 0.0))
+            moved = ravel_pytree(jax.tree.map(jnp.not_equal, z, state.z))[0].any()
+            last = jnp.where(moved, after.potential_energy, guide)
+            last = jnp.where(walk, before, last)  # the energy of the state is that along U
+            accept = total / number
             return after._replace(
                 i=state.i + 1,
                 z=z,
-                z_grad=grad,
                 potential_energy=potential,
                 energy=after.energy + potential - last,
-                accept_prob=after.accept_prob * accept,
+                accept_prob=jnp.where(walk, accept, after.accept_prob * accept),
                 rng_key=rng_key,
             )
 
-        def exactly() -> HMCState:
-            potential, grad = jax.value_and_grad(exact_fn)(state.z)
-            before = state._replace(potential_energy=potential, z_grad=grad)
-            after = self._along_exact.sample(before, *args)
-            return after._replace(z_grad=jax.grad(guide_fn)(after.z))
+        return jax.lax.cond(warmup, lambda: after, judged)
 
-        kind = jnp.where(drawn < 0, 0, jnp.where((drawn + 1) % EVERY == 0, 1, 2))
-        return jax.lax.switch(kind, [lambda: followed(state), exactly, judged])
+
+def _step(key: jax.Array, state: HMCState) -> jax.Array:
+    """A step (D,) of the walk."""
+    (variance,) = state.adapt_state.inverse_mass_matrix.values()
+    return STEP * jnp.sqrt(variance / variance.size) * jax.random.normal(key, variance.shape)

@@ -13,7 +13,7 @@ from lcbayes.inference.modes import left_out, unsampled
 from lcbayes.inference.search import SearchState
 from lcbayes.inference.solutions import Solution
 from lcbayes.modelling import registry
-from lcbayes.modelling.constrained import constrain_draws
+from lcbayes.modelling.constrained import constrain_draws, potentials
 from lcbayes.results.reasons import reason as sentence
 from lcbayes.samplers import bridge
 from lcbayes.samplers.settings import Settings
@@ -94,6 +94,22 @@ def one_facet():
         light, registry.find("faceted"), options, settings, Checkpoint(None, {}), Silent()
     )
     return found
+
+
+def test_the_potential_of_a_draw_is_that_recorded_with_it(one_facet):
+    """The bridge takes it from the chains instead of computing it again."""
+    (mode,) = one_facet.modes
+    right = potentials(one_facet.problem, mode.z.reshape(-1, mode.z.shape[2]), one_facet.data)
+    assert mode.stats["potential_energy"].ravel() == pytest.approx(right, abs=1e-8)
+    draws = np.random.default_rng(0).standard_normal((2, 50, 3))
+
+    def of_proposals(x):
+        assert len(x) == 50  # half of the draws are proposed, and none of the others is computed
+        return 0.5 * np.sum(x**2, axis=1)
+
+    known = 0.5 * np.sum(draws**2, axis=2)
+    found = bridge.bridge(draws, of_proposals, 100.0, np.random.default_rng(1), known)
+    assert abs(found.value - 1.5 * np.log(2 * np.pi)) < 6 * found.se + 1e-6
 
 
 @pytest.mark.statistical(false_alarm=EACH)

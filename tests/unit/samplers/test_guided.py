@@ -33,7 +33,7 @@ def guide(z):
 
 
 def chains(followed, exact):
-    """Draws (C, S, 2), potential energies and acceptance (C, S), and gradients of the guide."""
+    """Draws (C, S, 2), potential energies and acceptance (C, S)."""
 
     def model(energy):
         def of():
@@ -49,8 +49,7 @@ def chains(followed, exact):
 
         def step(state, _):
             state = kernel.sample(state, (), {})
-            gradient = state.z_grad["z"]
-            return state, (state.z["z"], state.potential_energy, state.accept_prob, gradient)
+            return state, (state.z["z"], state.potential_energy, state.accept_prob)
 
         _, out = jax.lax.scan(step, state, length=FIRST + DRAWS)
         return jax.tree.map(lambda x: x[FIRST:], out)
@@ -61,9 +60,7 @@ def chains(followed, exact):
 
 @pytest.mark.statistical(false_alarm=FALSE_ALARM)
 def test_the_exact_density_is_sampled() -> None:
-    z, energy, _, gradient = chains(guide, potential)
-    right = np.asarray(jax.vmap(jax.vmap(jax.grad(guide)))(z))
-    np.testing.assert_allclose(gradient, right, rtol=1e-9, atol=1e-9)
+    z, energy, _ = chains(guide, potential)
     assert energy == pytest.approx(np.asarray(jax.vmap(jax.vmap(potential))(z)), abs=1e-9)
     mean, variance = digamma(SHAPE), polygamma(1, SHAPE)
     off = (z - mean) / np.sqrt(variance)
@@ -80,7 +77,7 @@ def test_the_exact_density_is_sampled() -> None:
 
 def test_a_guide_that_differs_by_a_constant_costs_no_draw() -> None:
     """Only differences of energies count, and trajectories are those of NUTS."""
-    _, _, accepted, _ = chains(lambda z: potential(z) + 3.0, potential)
+    _, _, accepted = chains(lambda z: potential(z) + 3.0, potential)
     assert accepted.mean() > 0.7
 
 
