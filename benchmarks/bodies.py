@@ -46,6 +46,9 @@ from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem, compiled
 from lcbayes.models.body import shadows_left_out
 from lcbayes.results.summary import MAX_SHIFT
+from lcbayes.samplers.chains import Whitening
+
+type Given = dict[str, object]
 
 TOLERANCE = 0.5  # nats
 NOTICED = 0.01  # p-value of χ²
@@ -74,14 +77,12 @@ COLUMNS = (
 )
 
 
-type Given = dict[str, object]
-
-
-def _problem(case: Case, given: Given) -> tuple[Problem, Epochs, dict[str, Any]]:
-    """The posterior of a case, its data and its options."""
+def _problem(case: Case, given: Given) -> tuple[Problem, Epochs, Mapping[str, Any]]:
+    """The posterior of a case, its data and the options of the model."""
     entry, data = registry.find("body"), Epochs.of(case.curve)
     options = entry.check({o.name: o.default for o in entry.options.values()} | given)
-    return build_problem(entry, options | entry.pooled, data)[0], data, options
+    options |= entry.pooled
+    return build_problem(entry, options, data)[0], data, options
 
 
 def searched(case: Case, given: Given) -> dict[str, object]:
@@ -104,10 +105,10 @@ def searched(case: Case, given: Given) -> dict[str, object]:
     }
 
 
-def _shift(problem: Problem, data: Epochs, options: dict[str, Any], z: np.ndarray) -> float:
+def _shift(problem: Problem, data: Epochs, options: Mapping[str, Any], z: np.ndarray) -> float:
     """Largest shift of a combination of parameters by shadows that are left out, in its sd."""
     sites = compiled(problem.constrain)(z, data)
-    change = shadows_left_out([sites], data, **options | registry.find("body").pooled)
+    change = shadows_left_out([sites], data, **options)
     if change is None:
         return 0.0
     maker = Projection.of(problem, np.asarray(z), data)
@@ -161,13 +162,11 @@ def at_optimum(case: Case, given: Given) -> dict[str, object]:
     start = np.asarray(problem.ravel(_arrays(true)))
     end = search.polish(problem, data, start[None], 1)
     z = np.asarray(end.z[0])
-    fisher = np.asarray(compiled(problem.fisher)(z, data))
-    values, vectors = np.linalg.eigh(0.5 * (fisher + fisher.T))
-    unit_draws = np.random.default_rng(case.curve.n_obs).standard_normal((DRAWS, z.size))
-    draws = z + (unit_draws / np.sqrt(np.maximum(values, 1e-4))) @ vectors.T
-    posterior = _drawn(problem, tuple(case.surface), draws, data)
+    gaussian = Whitening.at(problem, z, data)
+    y = np.random.default_rng(DRAWS).standard_normal((DRAWS, z.size))
+    posterior = _drawn(problem, tuple(case.surface), gaussian, y, data)
     misfit = measure(problem, data, end.z)
-    inside = _inside(case, {k: np.asarray(v) for k, v in posterior.items()})
+    inside = _inside(case, posterior)
     return {
         "nats_above_truth": float(end.potential[0])
         - float(compiled(problem.potential)(start, data)),
@@ -179,14 +178,16 @@ def at_optimum(case: Case, given: Given) -> dict[str, object]:
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def _drawn(problem: Problem, surface: tuple[str, ...], draws: jax.Array, data: Epochs) -> Any:
-    """ω and the parameters of the surface at draws (n, D)."""
+def _drawn(
+    problem: Problem, surface: tuple[str, ...], gaussian: Whitening, rows: jax.Array, data: Epochs
+) -> Mapping[str, jax.Array]:
+    """ω and the parameters of the surface at whitened rows (n, D)."""
 
-    def one(z: jax.Array) -> Any:
-        sites = problem.constrain(z, data)
+    def one(y: jax.Array) -> Mapping[str, jax.Array]:
+        sites = problem.constrain(gaussian(y), data)
         return {k: sites[k] for k in ("omega", *surface)}
 
-    return jax.vmap(one)(draws)
+    return jax.vmap(one)(rows)
 
 
 def _arrays(sites: Mapping[str, Any]) -> dict[str, jax.Array]:
@@ -240,6 +241,7 @@ def main() -> None:
     how.add_argument("--optimum", dest="task", action="store_const", const="optimum")
     parser.add_argument("-o", "--out", type=Path, default=Path("build/bodies"))
     args = parser.parse_args()
+    compute, summarise = TASKS[args.task]
     args.out.mkdir(parents=True, exist_ok=True)
     path = args.out / "bodies.csv"
     rows = list(csv.DictReader(path.open(encoding="utf-8"))) if path.exists() else []
@@ -257,7 +259,7 @@ def main() -> None:
     for seed in sorted({*range(args.first, args.first + args.cases)} - known):
         case = drawn(args.body, args.spin, seed, args.snr, args.passes)
         row = about | {"seed": seed, "turns": case.turns}
-        row |= TASKS[args.task](case, given)
+        row |= compute(case, given)
         new = not path.exists()
         with path.open("a", encoding="utf-8", newline="") as file:
             writer = csv.DictWriter(file, COLUMNS)
@@ -267,10 +269,7 @@ def main() -> None:
         print(row, flush=True)
         rows.append({k: str(v) for k, v in row.items()})
     mine = [r for r in rows if [r[k] for k in about] == key]
-    {"fit": verdicts, "optimum": optima, "search": searches}[args.task](mine)
-
-
-TASKS = {"fit": fitted, "optimum": at_optimum, "search": searched}
+    summarise(mine)
 
 
 def _noticed(row: dict[str, str]) -> bool:
@@ -313,6 +312,8 @@ def verdicts(fits: list[dict[str, str]]) -> None:
         if row["trusted"] != "True":
             print(f"refused: {row['seed']}: {row['reasons']}")
 
+
+TASKS = {"fit": (fitted, verdicts), "optimum": (at_optimum, optima), "search": (searched, searches)}
 
 if __name__ == "__main__":
     main()

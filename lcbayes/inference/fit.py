@@ -360,7 +360,7 @@ class Stages:
                 )
                 z = _in_order(problem, order, z, z0, data)
                 rng = np.random.default_rng([settings.seed, i])
-                energies = np.asarray(stats["potential_energy"], float)
+                energies = stats["potential_energy"]
                 log_z = evidence(problem, data, order, whitening, z, z0, rng, energies)
                 join(modes, Mode(joint(group), z, stats, log_z, tuning=tuning), order)
         recount(modes, self.plain, problem, found.ends, order, data)

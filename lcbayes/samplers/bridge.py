@@ -121,8 +121,8 @@ def bridge(
     q = Mixture.of(fit, rng)
     proposal = q.draws(len(use), rng)
 
-    known = potential(use) if energies is None else energies[:, half:].ravel()
-    log_p_use, log_p_new = -known, -potential(proposal)
+    at_use = potential(use) if energies is None else energies[:, half:].ravel()
+    log_p_use, log_p_new = -at_use, -potential(proposal)
     n_use = min(len(use), ess * len(use) / draws[..., 0].size)
     ratios = log_p_use - q.log_density(use), log_p_new - q.log_density(proposal)
     return log_ratio(*ratios, n_use, len(proposal))

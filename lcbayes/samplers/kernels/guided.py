@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from jax.flatten_util import ravel_pytree
 from numpyro.infer import NUTS
 from numpyro.infer.hmc import HMCState
 
@@ -14,7 +13,7 @@ from lcbayes.core.jax_setup import jax, jnp
 FOLLOWED = 2  # transitions along the guide for one value of the exact density
 EVERY = 10  # one draw in so many does without the guide
 WALKED = 8  # steps of a random walk to that draw
-STEP = 2.4  # widths of the posterior over √D, with which a walk is fastest
+STEP = 2.4  # widths of the posterior over √D, with which the walk is fastest
 
 
 class Guided(NUTS):
@@ -29,10 +28,10 @@ class Guided(NUTS):
 
     so that the chain leaves exp(−U) invariant, whatever the guide. A draw costs gradients of the
     guide and one value of U, and no gradient of U is ever compiled. Where Ũ is far too large, no
-    proposal would be accepted for a long time; every tenth draw is therefore that of a random walk
-    of `WALKED` steps with the widths of the warm-up, which U alone accepts or rejects (Roberts,
-    Gelman & Gilks 1997, Ann. Appl. Probab. 7, 110, for `STEP`). The warm-up follows the guide
-    alone.
+    proposal would be accepted for a long time. Every tenth draw therefore comes from `WALKED` steps
+    of a random walk, each of which U alone accepts or rejects. Its widths are those of the warm-up;
+    `STEP` is from Roberts, Gelman & Gilks (1997, Ann. Appl. Probab. 7, 110). The warm-up follows
+    the guide alone.
 
     Parameters
     ----------
@@ -56,7 +55,10 @@ class Guided(NUTS):
         return super().init(*given)
 
     def sample(self, state: HMCState, model_args, model_kwargs) -> HMCState:
-        """One transition of one chain. ``potential_energy`` is U, but Ũ during the warm-up."""
+        """One transition of one chain. ``potential_energy`` is U, but Ũ during the warm-up.
+
+        The gradient in a state is not used: a walk leaves none.
+        """
         args = model_args, model_kwargs
         guide_fn, exact_fn = (x.get_potential_fn(*args) for x in (self, self._exact))
         drawn = state.i - self._num_warmup
@@ -69,8 +71,7 @@ class Guided(NUTS):
                 diverging=before.diverging | new.diverging,
             )
 
-        # U has taken the place of Ũ in the state, and a walk leaves no gradient of Ũ. Each further
-        # mention of a density would be compiled once more.
+        # Ũ is computed here for all kinds of draws, because each call of a density is compiled.
         guide, grad = jax.value_and_grad(guide_fn)(state.z)
         start = state._replace(
             potential_energy=guide,
@@ -87,11 +88,11 @@ class Guided(NUTS):
             def step(i: int, carry: tuple[Any, jax.Array, jax.Array]):
                 z, potential, total = carry
                 key_step, key_accept = jax.random.split(jax.random.fold_in(key, i))
-                walked = jax.tree.map(lambda x: x + _step(key_step, state), z)
-                proposed = jax.tree.map(lambda x, y: jnp.where(walk, x, y), walked, after.z)
+                change = _step(key_step, state)
+                proposed = jax.tree.map(lambda x, y: jnp.where(walk, x + change, y), z, after.z)
                 exact = exact_fn(proposed)
-                change = potential - exact + after.potential_energy - guide
-                accept = jnp.where(jnp.isfinite(exact), jnp.exp(jnp.minimum(change, 0.0)), 0.0)
+                gain = potential - exact + after.potential_energy - guide
+                accept = jnp.where(jnp.isfinite(exact), jnp.exp(jnp.minimum(gain, 0.0)), 0.0)
                 accepted = jax.random.uniform(key_accept) < accept
                 kept = jax.tree.map(
                     lambda new, old: jnp.where(accepted, new, old),
@@ -104,10 +105,10 @@ class Guided(NUTS):
             before = jnp.where(drawn == 0, jnp.inf, state.potential_energy)
             number = jnp.where(walk, WALKED, 1)
             z, potential, total = jax.lax.fori_loop(0, number, step, (state.z, before, 0.0))
-            moved = ravel_pytree(jax.tree.map(jnp.not_equal, z, state.z))[0].any()
-            last = jnp.where(moved, after.potential_energy, guide)
-            last = jnp.where(walk, before, last)  # the energy of the state is that along U
             accept = total / number
+            # the kinetic energy remains: that at the end of a trajectory, or at its beginning
+            along_guide = jnp.where(potential == before, guide, after.potential_energy)
+            last = jnp.where(walk, before, along_guide)
             return after._replace(
                 i=state.i + 1,
                 z=z,

@@ -32,9 +32,7 @@ def guide(z):
     return jnp.sum(0.5 * ((z - mean - 0.5 * sd) / (1.3 * sd)) ** 2)
 
 
-def chains(followed, exact):
-    """Draws (C, S, 2), potential energies and acceptance (C, S)."""
-
+def kernel_of(followed, exact):
     def model(energy):
         def of():
             flat = dist.ImproperUniform(dist.constraints.real_vector, (), (2,))
@@ -42,7 +40,12 @@ def chains(followed, exact):
 
         return of
 
-    kernel = Guided(model(followed), model(exact))
+    return Guided(model(followed), model(exact))
+
+
+def chains(followed, exact):
+    """Draws (C, S, 2), potential energies and acceptance (C, S)."""
+    kernel = kernel_of(followed, exact)
 
     def chain(key):
         state = kernel.init(key, FIRST, {"z": jnp.zeros(2)})
@@ -73,6 +76,18 @@ def test_the_exact_density_is_sampled() -> None:
             error = one.std() / np.sqrt(rhat_and_ess(one[..., None])[1])
             assert abs(one.mean() - right) < limit * error, (name, i)
             assert error < 0.15, name
+
+
+def test_each_draw_begins_with_the_gradient_of_the_guide() -> None:
+    """A walk leaves none in the state, and a trajectory with another would not be reversible."""
+    kernel = kernel_of(guide, potential)
+    sample = jax.jit(lambda state: kernel.sample(state, (), {}))
+    state = kernel.init(jax.random.key(0), 5, {"z": jnp.zeros(2)})
+    for _ in range(5 + 2 * EVERY):
+        lost = state._replace(z_grad={"z": jnp.full(2, jnp.nan)})
+        state, other = sample(state), sample(lost)
+        assert np.array_equal(state.z["z"], other.z["z"])
+        assert state.energy == other.energy
 
 
 def test_a_guide_that_differs_by_a_constant_costs_no_draw() -> None:
