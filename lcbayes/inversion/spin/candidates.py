@@ -21,7 +21,6 @@ Floats = NDArray[np.float64]
 Rows = NDArray[np.integer]
 
 SEASON = Gap(30 * 86400.0)  # nights closer than this are analysed together
-LEAST_ERROR = 0.1  # of a point, relative to the scatter of its pass
 LEAST_OF_NIGHT = 3  # points of a night of which the level is removed
 WORK = 1.5e7  # points × frequencies of a periodogram that takes a few seconds
 MOST = 5  # periods listed
@@ -140,18 +139,13 @@ def _longest(candidates: Candidates) -> float:
 
 
 def _passes(curve: LightCurve) -> list[Pass]:
-    """The passes, with no error below a part of the scatter of its pass.
-
-    Errors of magnitudes are relative, so the faintest points of a deep light curve would outweigh
-    all others, although no sinusoid describes them that well.
-    """
+    """The passes; none if no pass has enough points."""
     if curve.geometry_only:
         raise InputError("the light curve has no brightness, only geometry; give a measured one")
     try:
-        passes = split(curve)
-    except InputError:  # no pass has enough points
+        return split(curve)
+    except InputError:
         return []
-    return [replace(p, error=np.maximum(p.error, LEAST_ERROR * np.std(p.y))) for p in passes]
 
 
 def _season(curve: LightCurve) -> list[Pass]:

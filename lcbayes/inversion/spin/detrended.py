@@ -16,6 +16,7 @@ Rows = NDArray[np.integer]
 
 TREND = 3  # degree of the polynomial in time that removes phase-angle and aspect trends
 ROUNDING = 1e-9  # of the flux; smaller variations count as constant
+LEAST_ERROR = 0.1  # of a point, relative to the scatter of its pass
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ class Pass:
     name : for messages
     t : (T,) s
     y, error : (T,)
-        Flux over its smooth trend, minus one, and the standard deviation.
+        Flux over its smooth trend, minus one, and the standard deviation, see `split`.
     sun, obs : (T, 3)
         Unit vectors body→Sun and body→observer, inertial.
     """
@@ -62,7 +63,9 @@ def split(curve: LightCurve) -> list[Pass]:
     A pass has one group, site and band, and ends at a gap of `lcbayes.data.segments.NIGHT`. Flux is
     scaled to unit distance if the range is known, and divided by a cubic in time. Unknown errors
     are estimated from third differences, (y₀ − 3y₁ + 3y₂ − y₃)/√20, which are insensitive to a
-    smooth curve.
+    smooth curve. No error is below a tenth of the scatter of its pass: errors of magnitudes are
+    relative, so the faintest points of a deep light curve would outweigh all others, although no
+    periodic curve describes them that well.
 
     Raises
     ------
@@ -114,6 +117,7 @@ def _one(curve: LightCurve, rows: Rows, flux: Floats, error: Floats | None) -> P
     if np.abs(y).max() < ROUNDING:
         y = np.zeros_like(y)  # rounding errors have structure that shuffling destroys
     known = np.full(t.size, noise_of(y)) if error is None else error / trend
+    known = np.maximum(known, LEAST_ERROR * np.std(y))
     day = f"t = {t[0]:.6g} s"
     name = ", ".join(s for s in (str(curve.site[rows[0]]), day) if s)
     return Pass(name, t, y, known, curve.sun[rows], curve.obs[rows])

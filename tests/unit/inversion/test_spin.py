@@ -361,6 +361,25 @@ def test_a_constant_has_no_period(value, error, ripple):
     assert "no period is seen" in sentence(result.reasons[0]).text
 
 
+def test_a_few_very_faint_points_do_not_hide_a_period():
+    """Their errors are relative, and would give them all the weight."""
+    t = np.arange(0.0, 270.0)
+    a = np.radians(20.0 + 0.1 * t)
+    flux = 1.0 + 0.6 * np.cos(2 * np.pi * t / 15.5)
+    flux[[30, 31, 140, 211]] = [1e-5, 3e-5, 2e-5, 6e-5]
+    curve = LightCurve(
+        t=t,
+        brightness=-2.5 * np.log10(flux) + 0.04 * np.random.default_rng(2).normal(size=t.size),
+        error=np.full(t.size, 0.04),
+        sun=np.tile([0.6, 0.0, 0.8], (t.size, 1)),
+        obs=np.stack([np.cos(a), np.sin(a), 0 * a], 1),
+        kind="mag",
+    )
+    result = estimate(curve, n_shuffles=199)
+    assert result.false_alarm <= 0.01
+    assert result.base == pytest.approx(1 / 15.5, rel=5e-3)
+
+
 def test_where_nothing_moves_no_difference_is_measured():
     assert failed(steady(1, 50.0, spinning=True)) == {MEASURABLE}
 
