@@ -22,6 +22,7 @@ from lcbayes.core.constants import HOUR_S
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.data.lightcurve import LightCurve
+from lcbayes.modelling import variables
 from lcbayes.modelling.ephemeris import frames
 from lcbayes.modelling.facet_list import ARRAY, facet_list
 from lcbayes.physics.attitude import catalogue
@@ -266,9 +267,10 @@ def _bodies(results: Results, mode: Mode, rows: NDArray[np.int64], solid: bool) 
 def _known(results: Results, mode: Mode, rows: NDArray[np.int64]) -> dict[str, Any]:
     """The tiles of a known body and the faces that shade them, of each draw if the lengths of the
     body are unknown, and otherwise once."""
-    areas = _stacked(mode, "albedo_area")
-    spread = areas.std(axis=0) / np.maximum(areas.mean(axis=0), 1e-300)
     shapes = known_draws(results, mode, rows)
+    sites = [variables.albedo_area(name) for name in shapes[0].names]
+    areas = np.stack([_stacked(mode, site) for site in sites], axis=1)
+    spread = areas.std(axis=0) / np.maximum(areas.mean(axis=0), 1e-300)
     return {
         "uncertainty": np.round(spread, 4).tolist(),
         "names": shapes[0].names,

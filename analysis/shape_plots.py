@@ -42,10 +42,10 @@ class Shape:
 
 def build(results: Results, mode: Mode, gallery: Gallery) -> Shape | None:
     """The shape of a solution, from the posterior mean of its albedo-areas and normals."""
-    if "albedo_area" not in mode.draws:
-        return None
     if (known := known_shape(results, mode)) is not None:
         return _known(mode, known, gallery)
+    if "albedo_area" not in mode.draws:
+        return None
     areas = mode.draws["albedo_area"].mean(("chain", "draw")).to_numpy()
     normals, drawn = results.normals, facet_normals(mode)
     if drawn is not None:

@@ -19,7 +19,7 @@ from lcbayes.inference.body_search import cells, phases, turns
 from lcbayes.inference.body_search.surface import Surface
 from lcbayes.inference.label_switching import AttitudeOrder
 from lcbayes.inference.spin_search.allowed import Allowed
-from lcbayes.modelling import body_expansion, body_motion, likelihood, nuisances
+from lcbayes.modelling import body_expansion, body_motion, likelihood, nuisances, variables
 from lcbayes.modelling.body_expansion import BodyExpansion
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.expansion import likely_draws
@@ -45,8 +45,15 @@ MANY = 5_000  # epochs × panels × cost of shadows, from which on chains follow
 MOST_OBSERVERS = 20  # of an expansion, as the clock of each is a variable
 ROUGH = 0.02  # tolerance of the body of such a search
 # during the search for solutions
-POOLED = {"zero_point_spread": 0.0, "clock_sd": 0.0, "rate_drift_sd": 0.0}
-SEARCHED = {"zero_point_sd": 0.0, "correlated_noise": False, "noise_law": "gaussian", "period": ""}
+POOLED = {"zero_point_spread": 0.0, "clock_sd": 0.0}
+# while each arc has a phase of its own
+SEARCHED = {
+    "zero_point_sd": 0.0,
+    "rate_drift_sd": 0.0,
+    "correlated_noise": False,
+    "noise_law": "gaussian",
+    "period": "",
+}
 
 
 def model(
@@ -116,7 +123,7 @@ def model(
     total = sum(areas.values())
     size = _size(total, scale_sd) if data.calibrated and scale_sd else jnp.ones(())
     for name, area in areas.items():
-        numpyro.deterministic(f"{name}_albedo_area", size * area)
+        numpyro.deterministic(variables.albedo_area(name), size * area)
 
     sun, obs = turned(data.t)
     numpyro.deterministic(SUN, sun)
@@ -350,7 +357,8 @@ def search(problem, data: Epochs, options, workers: int, progress, checkpoint=No
         simple = Problem(partial(model, **loose), apart.soft)
         ends = phases.with_shadows(simple, apart, ends, images, workers, progress)
     ends = phases.followed(simple, apart, ends, workers, progress)
-    joined = turns.starts(simple, apart, ends, allowed, data)
+    drift_sd = float(options["rate_drift_sd"])
+    joined = turns.starts(simple, apart, ends, allowed, data, drift_sd)
     held = held_shadows(problem, data, **options | POOLED)
     if exact or held is None:
         return turns.optimised(problem, data, joined, workers, progress), coverage

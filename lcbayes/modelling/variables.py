@@ -97,6 +97,11 @@ NOISE = ("sigma", "noise")
 BRIGHTNESS = ("brightness", "expected", "error")  # of the light curve
 
 
+def albedo_area(material: str) -> str:
+    """The variable of the albedo-area of a material of a known body."""
+    return f"{material}_albedo_area"
+
+
 def is_albedo_area(name: str) -> bool:
     """Whether a variable is an albedo-area of facets or of a material."""
     return name.endswith("albedo_area") and not name.startswith("log_")

@@ -94,7 +94,9 @@ def test_motion_of_a_brick(tmp_path: Path, capsys):
     ]
     assert min(np.abs(attitude.mean(axis=0) - image).max() for image in images) < 0.1
     assert "cells of pole and rate" in said
-    assert "a brick" in (out / "report.html").read_text(encoding="utf-8")
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "a brick" in page
+    assert '"solids": [{' in page.replace('":[', '": [')  # the body turns beside the light curve
 
     body.unlink()  # a results folder needs no other file
     assert main(

@@ -217,8 +217,9 @@ def known(folders) -> Path:
         matrices = turns.as_matrix().reshape(*shape, 3, 3)
         result["attitude"] = (("chain", "draw", "inertial", "body"), matrices)
         result["rate_drift"] = (("chain", "draw"), 0.02 + 0.001 * rng.standard_normal(shape))
-        areas = 3.0 * np.exp(0.1 * rng.standard_normal((*shape, 2)))
-        result["albedo_area"] = (("chain", "draw", "material"), areas)
+        for material in ("floor", "tower"):
+            areas = 3.0 * np.exp(0.1 * rng.standard_normal(shape))
+            result[f"{material}_albedo_area"] = (("chain", "draw"), areas)
         return result
 
     options = {"body": L_SHAPE, "shadows": True}
@@ -311,7 +312,7 @@ def test_each_draw_has_its_own_lengths(opened, folders):
         )
         length = ("chain", "draw"), rng.uniform(3.0, 8.0, shape)
         result["cylinder_length"] = length
-        result["albedo_area"] = (("chain", "draw", "material"), np.ones((*shape, 1)))
+        result["paint_albedo_area"] = (("chain", "draw"), np.ones(shape))
         return result
 
     body = {"body": LONG_CYLINDER, "shadows": False}
