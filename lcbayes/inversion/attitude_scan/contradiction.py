@@ -18,6 +18,8 @@ from lcbayes.inversion.attitude_scan import evidence, maxima
 from lcbayes.inversion.attitude_scan.evidence import Cells
 from lcbayes.inversion.attitude_scan.harmonics import SparsePoints
 from lcbayes.inversion.attitude_scan.sparse import (
+    LISTED,
+    SAME_POLE,
     UNIQUE,
     SparseSearch,
     Spin,
@@ -36,27 +38,34 @@ RIVAL = 3.0  # nats; curves whose shifts raise it by nearly as much may be the w
 
 @dataclass(frozen=True)
 class Contradiction:
-    """A curve that contradicts the others, and the spin without it.
+    """A curve that contradicts the others, and the spins without it.
 
     curves : counted from 0, the most probable first, of which one contradicts the others
-    pole, frequency : (3,) and Hz
-    probability : of that period without the first of these curves
+    poles, frequencies : (P, 3) and (P,) Hz, of one period, the most probable first
+    shares : (P,), of the probability of this period
+    probability : of this period without the first of these curves
     moved : whether this curve agrees with the others once it is moved in time
     agree : probability that no curve contradicts the others
     """
 
     curves: tuple[int, ...]
-    pole: Floats
-    frequency: float
+    poles: Floats
+    frequencies: Floats
+    shares: Floats
     probability: float
     moved: bool
     agree: float
 
+    @property
+    def frequency(self) -> float:
+        """Hz, of the most probable spin without the curve."""
+        return float(self.frequencies[0])
+
     def doubted(self, found: SparseSearch, span: float) -> SparseSearch:
         """The search with the probabilities of its spins times ``agree``.
 
-        The spins of the period without the curve share the rest, as before. If there is none, the
-        one without the curve has it.
+        The spins of the period without the curve share the rest, as before. If there is none, those
+        without the curve have it.
         """
         rest = (1.0 - self.agree) * self.probability
         same = same_period([s.frequency for s in found.spins], self.frequency, span)
@@ -69,7 +78,8 @@ class Contradiction:
             spins.append(replace(s, probability=own, period_probability=of_period))
         if not same.any():
             best = found.spins[0].log_evidence
-            spins.append(Spin(self.pole, self.frequency, rest, best, rest))
+            added = zip(self.poles, self.frequencies, rest * self.shares, strict=True)
+            spins += [Spin(pole, float(f), float(p), best, rest) for pole, f, p in added]
         return replace(found, spins=most_probable_first(spins))
 
 
@@ -107,7 +117,7 @@ def contradiction(points: SparsePoints, found: Cells) -> Contradiction | None:
     as_it_is = evidence.all_shapes(points, *_maxima(points, spins, every)).max()
     raised, moved, left_out = np.zeros(n_curves), [], []
     for k in range(n_curves):
-        others = points._replace(used=points.used * (1.0 - points.group[:, k]))
+        others = _without(points, k)
         value = evidence.all_shapes(others, spins.pole, spins.frequency)
         poles, frequencies = _maxima(others, spins, value)
         shifted = _moved(points, k, poles, frequencies)
@@ -120,13 +130,42 @@ def contradiction(points: SparsePoints, found: Cells) -> Contradiction | None:
     if most >= BETTER:
         near = tuple(k for k in order if raised[k] > most - RIVAL or n_curves == 2)
         agree = float(expit(BETTER - most))
-        return Contradiction(near, *moved[order[0]], moved=True, agree=agree)
+        *spin, probability = moved[order[0]]
+        spins = _of_period(points, order[0], *spin)
+        return Contradiction(near, *spins, probability, moved=True, agree=agree)
     first = spins.frequency[np.argmax(every)]
     other = [k for k in order if not same_period(left_out[k][1], first, points.span)]
     k = max(other, key=lambda k: left_out[k][2], default=None)
     if k is None or left_out[k][2] < UNIQUE:
         return None
-    return Contradiction((k,), *left_out[k], moved=False, agree=1.0 - left_out[k][2])
+    *spin, probability = left_out[k]
+    spins = _of_period(points, k, *spin)
+    return Contradiction((k,), *spins, probability, moved=False, agree=1.0 - probability)
+
+
+def _without(points: SparsePoints, curve: int) -> SparsePoints:
+    return points._replace(used=points.used * (1.0 - points.group[:, curve]))
+
+
+def _of_period(
+    points: SparsePoints, curve: int, pole: Floats, frequency: float
+) -> tuple[Floats, Floats, Floats]:
+    """Poles (P, 3), frequencies (P,) and shares (P,) of all spins of a period without a curve.
+
+    The share of a spin is that of its evidence. An object near the ecliptic has a second pole,
+    180 degrees away in longitude, that fits nearly as well.
+    """
+    others = _without(points, curve)
+    at = maxima.near(others, pole[None], np.array([frequency]), (0.0, np.inf))
+    left, chosen = same_period(at[1], frequency, points.span), []
+    for i in np.argsort(-at[2], kind="stable"):
+        if left[i]:
+            chosen.append(i)
+            left &= at[0] @ at[0][i] < np.cos(np.radians(SAME_POLE))
+    poles, frequencies, value = (x[chosen] for x in at)
+    share = np.exp(value - np.logaddexp.reduce(value))
+    probable = share >= LISTED
+    return poles[probable], frequencies[probable], share[probable] / share[probable].sum()
 
 
 def _maxima(points: SparsePoints, spins: Cells, value: Floats) -> tuple[Floats, Floats]:

@@ -126,7 +126,7 @@ def divided_at_maxima(
         if not new.any():
             break
         tried = np.append(tried, frequency[new])
-        ends = _ends(points, pole[new], frequency[new], limits)
+        ends = near(points, pole[new], frequency[new], limits)
         least = max(ends[2].max(), found.log_evidence.max()) - NATS
         if not np.any(ends[2] > least):
             continue
@@ -167,10 +167,14 @@ def _holding(
     return evidence.joined(found, coarse)
 
 
-def _ends(
+def near(
     points: SparsePoints, pole: Floats, frequency: Floats, limits: tuple[float, float]
 ) -> tuple[Floats, Floats, Floats]:
-    """Poles, frequencies and evidence of maxima, uphill of the best starts near given spins."""
+    """Poles (E, 3), frequencies (E,) and evidence (E,) of maxima near spins, and of these (P, 3).
+
+    The maxima are those uphill of poles all around the sphere, each at the best of the frequencies
+    within half a turn over the data, and within the limits (Hz).
+    """
     noise = Noise.of(points, evidence.fits(points, pole, frequency))
     grid = sphere_cells.centres(np.arange(sphere_cells.number(POLES)), POLES)
     # every pole of the grid, and that of the period itself, at its best frequency

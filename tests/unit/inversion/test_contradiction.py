@@ -7,8 +7,9 @@ import pytest
 
 from lcbayes.core.reasons import Finding
 from lcbayes.data.lightcurve import LightCurve
+from lcbayes.geometry.spherical import unit_vector
 from lcbayes.inversion.attitude_scan import evidence, sphere_cells, verdict
-from lcbayes.inversion.attitude_scan.contradiction import Contradiction, contradiction
+from lcbayes.inversion.attitude_scan.contradiction import Contradiction, _of_period, contradiction
 from lcbayes.inversion.attitude_scan.evidence import Cells
 from lcbayes.inversion.attitude_scan.harmonics import SparsePoints
 from lcbayes.inversion.attitude_scan.result import AttitudeScan, Solution
@@ -64,6 +65,27 @@ def test_a_night_an_hour_early_contradicts_the_others():
     assert against.probability > 0.99
     assert against.moved
     assert against.agree < 0.5
+    assert degrees_apart(against.poles[0], *egg_nights.POLE_DEG) < 10.0
+
+
+def degrees_apart(pole: np.ndarray, lon: float, lat: float) -> float:
+    return float(np.degrees(np.arccos(pole @ unit_vector(*np.radians([lon, lat])))))
+
+
+def test_the_period_without_a_curve_has_both_its_poles():
+    """Of three nights and the survey: the pole, and its mirror image, which fits nearly as well."""
+    curve = egg_nights.observed(1.0, LATE)
+    points = SparsePoints.of(curve.select(curve.curve >= LATE))
+    lon, lat = egg_nights.POLE_DEG
+    start = unit_vector(*np.radians([lon, lat]))
+    poles, frequencies, shares = _of_period(points, 0, start, 1.0 / (3600.0 * PERIOD_H))
+    assert len(poles) == 2
+    assert degrees_apart(poles[0], lon, lat) < 10.0
+    assert degrees_apart(poles[1], lon + 180.0, lat) < 20.0
+    assert period_h(frequencies) == pytest.approx(PERIOD_H, rel=1e-4)
+    others = points._replace(used=points.used * (1.0 - points.group[:, 0]))
+    odds = np.exp(np.diff(evidence.all_shapes(others, poles, frequencies)))
+    assert shares == pytest.approx(np.array([1.0, *odds]) / (1.0 + odds[0]), rel=1e-6)
 
 
 def test_a_survey_of_early_times_is_named():
@@ -89,7 +111,8 @@ def test_the_period_without_the_curve_has_the_probability_that_it_is_wrong():
     spins += [Spin(pole, right, 0.06, 0.0, 0.1), Spin(-pole, right, 0.04, 0.0, 0.1)]
     none = np.zeros(0)
     search = SparseSearch(spins, none, none, np.zeros((0, 3)), 0, Cells(*6 * [none]))
-    against = Contradiction((LATE,), pole, right, 0.999, moved=True, agree=0.1)
+    poles, shares = np.stack([pole, -pole]), np.array([0.8, 0.2])
+    against = Contradiction((LATE,), poles, np.full(2, right), shares, 0.999, moved=True, agree=0.1)
     rest = 0.9 * 0.999
     left = against.doubted(search, span=1e7).spins
     share = [0.6 * (0.01 + rest), 0.4 * (0.01 + rest), 0.07, 0.02]
@@ -98,7 +121,8 @@ def test_the_period_without_the_curve_has_the_probability_that_it_is_wrong():
     np.testing.assert_allclose([s.period_probability for s in left], of_period)
     left = against.doubted(replace(search, spins=spins[:2]), span=1e7)
     assert left.spins[0].frequency == right
-    np.testing.assert_allclose([s.probability for s in left.spins], [rest, 0.07, 0.02])
+    share = [0.8 * rest, 0.2 * rest, 0.07, 0.02]
+    np.testing.assert_allclose([s.probability for s in left.spins], share)
     assert left.period_probability == pytest.approx(rest)
 
 
@@ -135,7 +159,8 @@ def test_the_verdict_names_the_curves(moved):
         None, [best], curve.n_obs, curve.n_obs, False, curve.frame, curve.t, curve.curve, none,
         period_probability=1.0,
         contradiction=Contradiction(
-            (LATE, 0), np.array([0.0, 0.0, 1.0]), 1.0 / (3600.0 * PERIOD_H), 0.99999, moved, 0.01
+            (LATE, 0), np.array([[0.0, 0.0, 1.0]]), np.array([1.0 / (3600.0 * PERIOD_H)]),
+            np.ones(1), 0.99999, moved, 0.01,
         ),
     )  # fmt: skip
     finding: Finding = next(verdict.contradicted(scan, curve))
