@@ -17,6 +17,7 @@ from lcbayes.inference import search
 from lcbayes.inference.body_search.phases import Separate, rows, turned
 from lcbayes.inference.search import SearchState
 from lcbayes.inference.spin_search.allowed import Allowed
+from lcbayes.modelling import nuisances
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem, compiled
 
@@ -24,9 +25,9 @@ Floats = NDArray[np.float64]
 
 ENDS = 12  # optima of free phases that are continued
 RATES = 8  # of each optimum, with whole turns, and as many with half turns
-WIDEST = 4.0  # standard deviations of the rate
+WIDEST = 4.0  # standard deviations of the rate and of its drift
 SPACING = 0.25  # rad: spacing of rates times the time base
-MOST = 200_000  # rates that are compared
+MOST = 200_000  # rates that are compared, and three times as many with their drifts
 PHASE_SD = 0.02  # rad, below which a phase is not trusted
 ROUNDS = ((1.0, 12, 0.3), (1.0, 25, 0.4), (1.0, 150, 1.0))
 SAME = 1e-6  # relative difference of the potential below which a body looks the same
@@ -35,21 +36,32 @@ REFINED = 12  # end points to which they are added
 
 
 def starts(
-    problem: Problem, separate: Separate, ends: SearchState, allowed: Allowed, data: Epochs
+    problem: Problem,
+    separate: Separate,
+    ends: SearchState,
+    allowed: Allowed,
+    data: Epochs,
+    drift_sd: float,
 ) -> list[dict[str, Any]]:
-    """Sites of motions of one rate that agree with the phases of each arc at the best optima."""
+    """Sites of motions that agree with the phases of each arc at the best optima."""
     made: list[dict[str, Any]] = []
     for row in search.different(ends, ENDS):
-        made += joined(problem, separate, np.asarray(ends.z[row]), allowed, data)
+        made += joined(problem, separate, np.asarray(ends.z[row]), allowed, data, drift_sd)
     return made
 
 
 def joined(
-    problem: Problem, separate: Separate, z: Floats, allowed: Allowed, data: Epochs
+    problem: Problem,
+    separate: Separate,
+    z: Floats,
+    allowed: Allowed,
+    data: Epochs,
+    drift_sd: float,
 ) -> Iterator[dict[str, Any]]:
-    """Sites of motions of one rate that agree with the phases of each arc at an optimum (D,).
+    """Sites of motions that agree with the phases of each arc at an optimum (D,).
 
-    Half turns are tried as well as whole ones, because many bodies look nearly the same after them.
+    ``drift_sd`` is that of the model, for a rate that may change. Half turns are tried as well as
+    whole ones, because many bodies look nearly the same after them.
     """
     known = {k: np.asarray(v) for k, v in compiled(problem.constrain)(z, separate.exact).items()}
     sites = {name: known[name] for name in problem.names}
@@ -58,14 +70,19 @@ def joined(
     rate = float(np.linalg.norm(omega))
     phase = rate * late[: len(middle)]
     since = middle - float(data.t_middle)
-    for new in _rates(problem, separate, z, allowed, phase - phase[0], rate):
-        apart = phase - phase[0] - new * (middle - middle[0])
+    # the phase at a time e from the middle is that in the middle and rate × (e + drift e²/2T)
+    bend = np.zeros_like(since)
+    if drift_sd and data.n_segments > 1:
+        scale = float(nuisances.rate_drift_scale(data, rate, drift_sd))
+        bend = scale * 0.5 * rate * since**2 / float(data.t_span)
+    for new, unit in _rates(problem, separate, z, allowed, phase, rate, bend):
+        apart = phase - phase[0] - new * (since - since[0]) - unit * (bend - bend[0])
         apart = (apart + 0.5 * np.pi) % np.pi - 0.5 * np.pi
-        at_middle = phase[0] - new * since[0] + apart.mean()
+        at_middle = phase[0] - new * since[0] - unit * bend[0] + apart.mean()
         moved = turned(sites, Rotation.from_rotvec(at_middle * omega / rate))
         for name in {"rate_unit", "omega_unit"} & moved.keys():
             moved[name] = moved[name] * new / rate
-        yield moved
+        yield moved | ({"rate_drift_unit": np.asarray(unit)} if bend.any() else {})
 
 
 def _rates(
@@ -75,39 +92,62 @@ def _rates(
     allowed: Allowed,
     phase: Floats,
     rate: float,
-) -> Floats:
-    """Rates (n,) rad/s with which the phases (A,) of the arcs follow from one another."""
-    middle = separate.middle
+    bend: Floats,
+) -> list[tuple[float, float]]:
+    """Rates (rad/s), and drifts in their prior sd, that lead from one phase (A,) to the next.
+
+    Rates and drifts on a grid give the numbers of turns between arcs; for each set of numbers, rate
+    and drift follow by least squares. ``bend`` (A,) is the phase by a drift of one sd.
+    """
     # The phases are followed without regard to the rates that are allowed.
-    nearest = min((np.clip(rate, *r) for r in allowed.ranges), key=lambda r: abs(r - rate))
+    nearest = float(_nearest(np.array([rate]), allowed)[0])
     if not separate.several:
-        return np.array([rate if allowed.everything else nearest])
+        return [(rate if allowed.everything else nearest, 0.0)]
+    apart, middle = phase[1:] - phase[0], separate.middle
     covariance = np.asarray(_covariance(problem, separate.exact, jnp.asarray(z)))
-    covariance = covariance + np.diag([1e-16, *np.full(len(middle) - 1, PHASE_SD**2)])
+    covariance = covariance + np.diag([1e-16, *np.full(len(apart), PHASE_SD**2)])
     weight = np.linalg.inv(covariance)
     span = float(np.ptp(middle))
     reach = max(WIDEST * np.sqrt(covariance[0, 0]), 2.0 * np.pi / span)
     n = min(int(np.ceil(reach * span / SPACING)), MOST // 2)
+    m = min(int(np.ceil(WIDEST * np.ptp(bend) / SPACING)), MOST // (2 * n + 1))
     rates = rate + np.linspace(-reach, reach, 2 * n + 1)
     rates = rates[(rates > 0.0) & allowed.rates(rates)]
-    if not rates.size:
-        return np.array([nearest])
-    chosen: list[float] = []
+    units = np.arange(-m, m + 1) * WIDEST / max(m, 1)
+    grid = np.stack(np.meshgrid(rates, units), axis=-1).reshape(-1, 2)
+    columns = np.array([middle[1:] - middle[0], bend[1:] - bend[0]])
+    design = np.vstack([[1.0, 0.0], columns.T])
+    prior = np.diag([0.0, 1.0])
+    solve = np.linalg.solve(design.T @ weight @ design + prior, design.T @ weight)
+    chosen: list[tuple[float, float]] = []
     for period in (2.0 * np.pi, np.pi):
-        apart = phase[1:] - rates[:, None] * (middle[1:] - middle[0])
-        apart = (apart + 0.5 * period) % period - 0.5 * period
-        away = np.concatenate([(rates - rate)[:, None], -apart], axis=1)
-        cost = np.einsum("na,ab,nb->n", away, weight, away)
-        wall = np.concatenate([[np.inf], cost, [np.inf]])
-        least = np.flatnonzero((cost <= wall[:-2]) & (cost < wall[2:]))
-        best = rates[least[np.argsort(cost[least], kind="stable")][:RATES]]
-        chosen += [r for r in best if all(abs(r - c) * span > 1.0 for c in chosen)]
-    return np.array(chosen)
+        turns = np.unique(np.rint((apart - grid @ columns) / period), axis=0)
+        known = np.column_stack([np.full(len(turns), rate), apart - period * turns])
+        fitted = known @ solve.T
+        away = fitted @ design.T - known
+        cost = np.einsum("na,ab,nb->n", away, weight, away) + fitted[:, 1] ** 2
+        moved = _nearest(fitted[:, 0], allowed)
+        left = [i for i in np.argsort(cost) if abs(moved[i] - fitted[i, 0]) * span < 1.0]
+        for i in left[:RATES]:
+            new, unit = float(moved[i]), float(fitted[i, 1])
+            far = (max(abs(new - r) * span, abs(unit - u) * np.ptp(bend)) > 1.0 for r, u in chosen)
+            if all(far):
+                chosen.append((new, unit))
+    return chosen or [(nearest, 0.0)]
+
+
+def _nearest(rates: Floats, allowed: Allowed) -> Floats:
+    """The nearest allowed rate to each of some (n,)."""
+    clipped = np.array([np.clip(rates, *r) for r in allowed.ranges])
+    return clipped[np.argmin(np.abs(clipped - rates), axis=0), np.arange(len(rates))]
 
 
 @partial(jax.jit, static_argnums=0)
 def _covariance(problem: Problem, data: Epochs, z: jax.Array) -> jax.Array:
-    """Of the rate (rad/s) and of the phase (rad) of each arc after the first, near an optimum."""
+    """Of the rate (rad/s) and of the phase (rad) of each arc after the first, near an optimum.
+
+    A coordinate at the end of its range may have no information at all, and no part in these.
+    """
 
     def known(z: jax.Array) -> jax.Array:
         sites = problem.constrain(z, data)
@@ -115,8 +155,11 @@ def _covariance(problem: Problem, data: Epochs, z: jax.Array) -> jax.Array:
         late = sites["clock_offset"]
         return jnp.concatenate([rate[None], rate * (late[1:] - late[0])])
 
-    slopes = jax.jacfwd(known)(z)
-    return slopes @ jnp.linalg.solve(problem.fisher(z, data), slopes.T)
+    fisher = problem.fisher(z, data)
+    scale = jnp.sqrt(jnp.diag(fisher))
+    scale = jnp.where(scale > 0.0, scale, 1.0)
+    slopes = jax.jacfwd(known)(z) / scale
+    return slopes @ jnp.linalg.pinv(fisher / jnp.outer(scale, scale), hermitian=True) @ slopes.T
 
 
 def optimised(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -45,11 +47,17 @@ ALL = Allowed(((0.0, 0.1),), omega_sd=0.025)  # rad/s
 
 
 def seen(
-    starts: tuple[float, ...], omega: np.ndarray = OMEGA, snr: float = 30.0, n: int = 40
+    starts: tuple[float, ...],
+    omega: np.ndarray = OMEGA,
+    snr: float = 30.0,
+    n: int = 40,
+    drift: float = 0.0,
 ) -> LightCurve:
-    """The box on passes of 200 s with n points."""
+    """The box on passes of 200 s with n points; the rate changes by ``drift`` of itself."""
     t, sun, obs = turning.geometry(starts, n, 200.0)
-    flux = turning.box(*turning.in_body(t, ATTITUDE, omega, sun, obs), SIDES, ALBEDO)
+    length = np.ptp(t)
+    even = t + drift * ((t - length / 2.0) ** 2 - (length / 2.0) ** 2) / (2.0 * length)
+    flux = turning.box(*turning.in_body(even, ATTITUDE, omega, sun, obs), SIDES, ALBEDO)
     error = flux.mean() / snr
     noisy = flux + error * np.random.default_rng(3).standard_normal(t.size)
     return small_curves.of_flux(t, noisy, error, sun, obs)
@@ -153,32 +161,43 @@ def test_optima_outside_the_known_periods_are_moved_to_them():
     data, run = Epochs.of(light), search_of(light)
     separate = phases.Separate.of(run, 1.0)
     entry = registry.find("body")
-    options = entry.check({"body": BOX} | model.POOLED | {"clock_sd": separate.clock_sd})
+    options = entry.check(
+        {"body": BOX} | model.POOLED | model.SEARCHED | {"clock_sd": separate.clock_sd}
+    )
     problem, _ = build_problem(entry, options, separate.soft)
     sites = {
         "attitude_base": Rotation.from_matrix(ATTITUDE).as_quat(scalar_first=True),
         "rate_unit": 0.7,
     } | separate.offsets(np.zeros(2))
     z = np.asarray(phases.rows(problem, separate.exact, [sites])[0])
-    found = list(turns.joined(problem, separate, z, Allowed(((low, high),)), data))
+    found = list(turns.joined(problem, separate, z, Allowed(((low, high),)), data, 0.01))
     assert found
     rates = np.array([one["rate_unit"] * 0.1 for one in found])
     assert np.all((rates >= low - 1e-12) & (rates <= high + 1e-12))
 
 
-@pytest.mark.parametrize("allowed", [ALL, Allowed(((0.0699, 0.0701),))])
-def test_the_phases_of_passes_give_the_rates_that_join_them(allowed):
-    """The true rate is among them, and all others differ by half turns and are allowed."""
-    light = seen((0.0, 9_000.0, 40_000.0))
+@pytest.mark.parametrize(
+    ("allowed", "drift"), [(ALL, 0.0), (ALL, 0.004), (Allowed(((0.0699, 0.0701),)), 0.0)]
+)
+def test_the_phases_of_passes_give_the_rates_that_join_them(allowed, drift):
+    """The true rate is among them, and all others differ by half turns and are allowed.
+
+    The drift moves the phase of the second pass by 58 degrees.
+    """
+    light = seen((0.0, 9_000.0, 40_000.0), drift=drift)
     data = Epochs.of(light)
     run = search_of(light)
     separate = phases.Separate.of(run, 1.0)
     entry = registry.find("body")
-    options = entry.check({"body": BOX} | model.POOLED | {"clock_sd": separate.clock_sd})
+    options = entry.check(
+        {"body": BOX} | model.POOLED | model.SEARCHED | {"clock_sd": separate.clock_sd}
+    )
     problem, _ = build_problem(entry, options, separate.soft)
     middle = separate.middle
-    late = ((0.07 * (middle - middle[0]) + np.pi) % (2.0 * np.pi) - np.pi) / 0.07
-    first = Rotation.from_rotvec(middle[0] * OMEGA).as_matrix() @ ATTITUDE
+    length = np.ptp(light.t)
+    even = middle + drift * ((middle - length / 2.0) ** 2 - (length / 2.0) ** 2) / (2.0 * length)
+    late = ((0.07 * (even - even[0]) + np.pi) % (2.0 * np.pi) - np.pi) / 0.07
+    first = Rotation.from_rotvec(even[0] * OMEGA).as_matrix() @ ATTITUDE
     sites = {
         "attitude_base": Rotation.from_matrix(first).as_quat(scalar_first=True),
         "rate_unit": 0.7,
@@ -188,18 +207,40 @@ def test_the_phases_of_passes_give_the_rates_that_join_them(allowed):
     z = phases.rows(problem, separate.exact, [sites])[0]
     missed = separate.exact.brightness - compiled(problem.constrain)(z, separate.exact)["expected"]
     assert np.mean(np.asarray(missed / separate.exact.error) ** 2) == pytest.approx(1.0, abs=0.3)
-    rates, attitudes = [], []
-    full, _ = build_problem(entry, options | {"clock_sd": 0.0}, data)
-    for one in turns.joined(problem, separate, np.asarray(z), allowed, data):
+    rates, drifts, attitudes = [], [], []
+    full, _ = build_problem(entry, options | {"clock_sd": 0.0, "rate_drift_sd": 0.01}, data)
+    for one in turns.joined(problem, separate, np.asarray(z), allowed, data, 0.01):
         row = phases.rows(full, data, [one])[0]
         found = compiled(full.constrain)(row, data)
         rates.append(float(np.linalg.norm(found["omega"])))
+        drifts.append(float(found["rate_drift"]))
         attitudes.append(np.asarray(found["attitude"]))
     assert allowed.rates(np.array(rates)).all()
-    best = int(np.argmin(np.abs(np.array(rates) - 0.07)))
-    assert abs(rates[best] - 0.07) * np.ptp(light.t) < 0.5
+    off = np.abs(np.array(rates) - 0.07) + np.abs(np.array(drifts) - drift) * 0.07 / 8.0
+    best = int(np.argmin(off))
+    assert abs(rates[best] - 0.07) * length < 0.5
+    assert abs(drifts[best] - drift) * 0.07 * length / 8.0 < 0.3
     assert apart(attitudes[best], ATTITUDE) < 15.0
     assert len(rates) > 1
+
+
+@pytest.mark.parametrize("third", [0.0, 1e-18, 1e9])
+def test_a_coordinate_without_information_leaves_the_rate_and_the_phases(third):
+    """Such as a reflectance at the end of its range, at an optimum of the search."""
+
+    class Optimum:
+        def constrain(self, z, data):  # noqa: ARG002
+            late = jnp.stack([jnp.zeros(()), z[1], 2.0 * z[1]])
+            return {"omega": jnp.stack([z[0], 0.0 * z[0], 0.0 * z[0]]), "clock_offset": late}
+
+        def fisher(self, z, data):  # noqa: ARG002
+            return jnp.diag(jnp.array([1e6, 4.0, third]))
+
+    rate, late = 0.2, 3.0
+    slopes = np.array([[1.0, 0.0], [late, rate], [2.0 * late, 2.0 * rate]])
+    expected = slopes @ np.diag([1e-6, 0.25]) @ slopes.T
+    found = turns._covariance(Optimum(), None, jnp.array([rate, late, 1800.0]))
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
 def test_a_motion_of_many_turns_between_passes_is_found(monkeypatch):
@@ -224,6 +265,22 @@ def test_a_motion_of_many_turns_between_passes_is_found(monkeypatch):
     turns_apart = (rates - 0.07) * 40_000.0 / np.pi
     assert np.abs(turns_apart - np.round(turns_apart)).max() < 0.1
     assert np.any((np.abs(turns_apart) < 0.1) & (angles < 5.0))
+
+
+def test_a_motion_is_found_although_a_pass_is_late(monkeypatch):
+    """A drift of the rate explains the middle one of three passes if it is 4 s (16 deg) late."""
+    monkeypatch.setattr(cells, "POLES", 160)
+    monkeypatch.setattr(phases, "STARTS", 256)
+    light = seen((0.0, 9_000.0, 40_000.0), snr=200.0)
+    t = light.t + 4.0 * ((light.t > 5_000.0) & (light.t < 20_000.0))
+    data, entry = Epochs.of(replace(light, t=t)), registry.find("body")
+    defaults = {o.name: o.default for o in entry.options.values()}
+    options = entry.check(defaults | {"body": BOX, "omega_sd": 0.025} | model.POOLED)
+    problem, _ = build_problem(entry, options, data)
+    ends, _ = model.search(problem, data, options, 1, Silent())
+    found = compiled(problem.constrain)(ends.z[0], data)
+    missed = np.asarray((data.brightness - found["expected"]) / data.error)
+    assert np.mean(missed**2) < 1.3
 
 
 def test_no_cell_gains_more_than_all_of_the_light():
