@@ -13,6 +13,8 @@ import pytest
 
 from tests.helpers import browser_pages, false_alarms, file_groups, quick_run
 
+MOST_MAPS = 20_000
+
 
 @pytest.hookimpl(tryfirst=True)  # before any are deselected
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -40,6 +42,21 @@ def pytest_collection_finish() -> None:
     gc.collect()
     gc.freeze()
     gc.set_threshold(20_000, 20, 50)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _few_programs() -> Iterator[None]:
+    """Forget compiled programs after a file if they are many.
+
+    Each has up to a thousand memory maps. Linux allows a process 65,530, and JAX ends it with a
+    segmentation fault when there are no more.
+    """
+    yield
+    maps = Path("/proc/self/maps")
+    if maps.is_file() and maps.read_bytes().count(b"\n") > MOST_MAPS:
+        from lcbayes.inference import problem_cache
+
+        problem_cache.forget()
 
 
 @pytest.fixture(scope="module")

@@ -287,14 +287,14 @@ def test_the_packages_model_explains_a_file_without_faults(tmp_path):
     """
     import lcbayes
     from lcbayes.core.jax_setup import jnp
-    from lcbayes.modelling import registry
+    from lcbayes.modelling import nuisances, registry
     from lcbayes.modelling.epochs import Epochs
     from lcbayes.modelling.problem import Problem
 
     case = satellites.draw_case(Fault(), 1)
     satellites.write(case, tmp_path / "curve.csv")
     data = Epochs.of(lcbayes.read(tmp_path / "curve.csv"))
-    options = {"n_facets": 3, "reflectance": "lambertian", "clock_sd": 0.0, "rate_drift_sd": 0.0}
+    options = {"n_facets": 3, "reflectance": "lambertian"} | nuisances.UNMODELLED
     problem = Problem(registry.find("faceted").bind(options), data)
 
     def chi2(normals: np.ndarray) -> float:

@@ -16,6 +16,7 @@ from lcbayes.core.errors import EXIT_BAD_INPUT, EXIT_DONE, InputError
 from lcbayes.core.jax_setup import jnp
 from lcbayes.data import earth_shadow
 from lcbayes.data.read import read
+from lcbayes.modelling import nuisances
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.models import faceted
 from lcbayes.physics.bodies import shapes
@@ -281,7 +282,8 @@ def test_a_model_given_the_truth_explains_the_curve(name):
         "log_albedo_area": jnp.log(jnp.array([f["albedo_area_m2"] for f in made["facets"]])),
         "omega_unit": jnp.asarray(omega),
     }
-    model = partial(faceted.model, n_facets=len(made["facets"]), omega_sd=1.0)
+    options = {"n_facets": len(made["facets"]), "omega_sd": 1.0} | nuisances.UNMODELLED
+    model = partial(faceted.model, **options)
     seeded = handlers.seed(handlers.substitute(model, given), 0)
     result = handlers.trace(seeded).get_trace(Epochs.of(curve))["expected"]["value"]
     np.testing.assert_allclose(result, made["flux"], rtol=1e-9, atol=1e-12 * max(made["flux"]))
