@@ -82,7 +82,7 @@ def test_the_period_without_a_curve_has_both_its_poles():
     assert len(poles) == 2
     assert degrees_apart(poles[0], lon, lat) < 10.0
     assert degrees_apart(poles[1], lon + 180.0, lat) < 20.0
-    assert period_h(frequencies) == pytest.approx(PERIOD_H, rel=1e-4)
+    assert 1.0 / (3600.0 * frequencies) == pytest.approx(PERIOD_H, rel=1e-4)
     others = points._replace(used=points.used * (1.0 - points.group[:, 0]))
     odds = np.exp(np.diff(evidence.all_shapes(others, poles, frequencies)))
     assert shares == pytest.approx(np.array([1.0, *odds]) / (1.0 + odds[0]), rel=1e-6)
