@@ -45,7 +45,8 @@ MANY = 5_000  # epochs × panels × cost of shadows, from which on chains follow
 MOST_OBSERVERS = 20  # of an expansion, as the clock of each is a variable
 ROUGH = 0.02  # tolerance of the body of such a search
 # during the search for solutions
-POOLED = {"zero_point_spread": 0.0, "clock_sd": 0.0}
+POOLED = {"zero_point_spread": 0.0, "clock_sd": 0.0, "rate_drift_sd": 0.0}
+KEPT = ("rate_drift_sd",)  # of these, if it is given
 # while each arc has a phase of its own
 SEARCHED = {
     "zero_point_sd": 0.0,
@@ -357,12 +358,13 @@ def search(problem, data: Epochs, options, workers: int, progress, checkpoint=No
         simple = Problem(partial(model, **loose), apart.soft)
         ends = phases.with_shadows(simple, apart, ends, images, workers, progress)
     ends = phases.followed(simple, apart, ends, workers, progress)
-    drift_sd = float(options["rate_drift_sd"])
+    drift_sd = float(options["rate_drift_sd"]) if "rate_drift_unit" in problem.names else 0.0
     joined = turns.starts(simple, apart, ends, allowed, data, drift_sd)
-    held = held_shadows(problem, data, **options | POOLED)
+    options = options | POOLED | {"rate_drift_sd": drift_sd}
+    held = held_shadows(problem, data, **options)
     if exact or held is None:
         return turns.optimised(problem, data, joined, workers, progress), coverage
-    simple = Problem(partial(model, **options | POOLED | rough), data)
+    simple = Problem(partial(model, **options | rough), data)
     ends = turns.optimised(simple, data, joined, workers, progress)
     images = AttitudeOrder(problem, alike).images
     return turns.with_fixed_shadows(problem, data, ends, held, images, workers, progress), coverage

@@ -172,7 +172,7 @@ class Stages:
 
     def simpler(self, data: Epochs) -> Problem:
         """The problem of the search: the pooled and coarser form of the model, if it has one."""
-        options = dict(self.options) | self.entry.pooled
+        options = self.entry.searched(self.options)
         if build_problem(self.entry, options, data)[0].dim == self.plain.dim:
             options = dict(self.options)
         options = self.entry.coarser | options

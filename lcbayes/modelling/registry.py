@@ -27,6 +27,8 @@ model is shown to the user. The report recognises standard site names (``albedo_
     Values of options that define a simpler model, such as {"individuals": False}, whose sampled
     sites are a subset of those of the full model. Its solutions are the starting points of the
     search with the full model; the other sites start at their prior means.
+``KEPT``
+    Names of options of ``POOLED`` that the search takes as they are if they are given.
 ``COARSER``
     Values of options, unless they are given, with which the model costs less and is less exact,
     for the search.
@@ -112,6 +114,11 @@ class Entry:
     @property
     def pooled(self) -> dict[str, Any]:
         return dict(getattr(self.module, "POOLED", {}))
+
+    def searched(self, options: Mapping[str, Any]) -> dict[str, Any]:
+        """The options of the search: those that are given, and `pooled` unless they are kept."""
+        kept = set(getattr(self.module, "KEPT", ())) & set(options)
+        return {**options, **{k: v for k, v in self.pooled.items() if k not in kept}}
 
     @property
     def coarser(self) -> dict[str, Any]:

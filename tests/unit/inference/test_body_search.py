@@ -268,14 +268,19 @@ def test_a_motion_of_many_turns_between_passes_is_found(monkeypatch):
 
 
 def test_a_motion_is_found_although_a_pass_is_late(monkeypatch):
-    """A drift of the rate explains the middle one of three passes if it is 4 s (16 deg) late."""
+    """A drift of the rate explains the middle one of three passes if it is 4 s (16 deg) late.
+
+    The search has the drift if the option is given, and not by default.
+    """
     monkeypatch.setattr(cells, "POLES", 160)
     monkeypatch.setattr(phases, "STARTS", 256)
     light = seen((0.0, 9_000.0, 40_000.0), snr=200.0)
     t = light.t + 4.0 * ((light.t > 5_000.0) & (light.t < 20_000.0))
     data, entry = Epochs.of(replace(light, t=t)), registry.find("body")
     defaults = {o.name: o.default for o in entry.options.values()}
-    options = entry.check(defaults | {"body": BOX, "omega_sd": 0.025} | model.POOLED)
+    given = {"body": BOX, "omega_sd": 0.025}
+    assert entry.searched(given)["rate_drift_sd"] == 0.0
+    options = entry.check(defaults | entry.searched(given | {"rate_drift_sd": 0.01}))
     problem, _ = build_problem(entry, options, data)
     ends, _ = model.search(problem, data, options, 1, Silent())
     found = compiled(problem.constrain)(ends.z[0], data)
