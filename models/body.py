@@ -46,7 +46,7 @@ MOST_OBSERVERS = 20  # of an expansion, as the clock of each is a variable
 ROUGH = 0.02  # tolerance of the body of such a search
 # during the search for solutions
 POOLED = {"zero_point_spread": 0.0, "clock_sd": 0.0, "rate_drift_sd": 0.0}
-KEPT = ("rate_drift_sd",)  # of these, if it is given
+KEPT = ("rate_drift_sd",)  # if it is given
 # while each arc has a phase of its own
 SEARCHED = {
     "zero_point_sd": 0.0,

@@ -129,8 +129,12 @@ def alternatives(
         candidates += _drift(problem, z, data, spin)
         candidates += [] if kinds else _nutation(problem, z, data, sites)
     if "period_h" in sites and not kinds:
+        apparitions = [*_apparitions(flux, data, names["apparitions"])]
+        # one of a single night stands for the zero point of that night
+        same = {column.tobytes() for one in apparitions for column in one.columns}
+        candidates = [one for one in candidates if one.columns.tobytes() not in same]
         candidates += _late_curve(problem, z, data, names["curves"], float(sites["period_h"]))
-        candidates += _apparitions(flux, data, names["apparitions"])
+        candidates += apparitions
     if {"sun_body", "normals"} <= sites.keys() and not kinds:
         candidates += [*_lobes(sites), *_further_facet(sites), *_notches(sites)]
         candidates += _laws(flux, sites)

@@ -127,8 +127,8 @@ def _rates(
         away = fitted @ design.T - known
         cost = np.einsum("na,ab,nb->n", away, weight, away) + fitted[:, 1] ** 2
         moved = _nearest(fitted[:, 0], allowed)
-        left = [i for i in np.argsort(cost) if abs(moved[i] - fitted[i, 0]) * span < 1.0]
-        for i in left[:RATES]:
+        inside = [i for i in np.argsort(cost) if abs(moved[i] - fitted[i, 0]) * span < 1.0]
+        for i in inside[:RATES]:
             new, unit = float(moved[i]), float(fitted[i, 1])
             far = (max(abs(new - r) * span, abs(unit - u) * np.ptp(bend)) > 1.0 for r, u in chosen)
             if all(far):

@@ -130,17 +130,27 @@ def contradiction(points: SparsePoints, found: Cells) -> Contradiction | None:
     if most >= BETTER:
         near = tuple(k for k in order if raised[k] > most - RIVAL or n_curves == 2)
         agree = float(expit(BETTER - most))
-        *spin, probability = moved[order[0]]
-        spins = _of_period(points, order[0], *spin)
-        return Contradiction(near, *spins, probability, moved=True, agree=agree)
+        return _named(points, near, moved[order[0]], moved=True, agree=agree)
     first = spins.frequency[np.argmax(every)]
     other = [k for k in order if not same_period(left_out[k][1], first, points.span)]
     k = max(other, key=lambda k: left_out[k][2], default=None)
     if k is None or left_out[k][2] < UNIQUE:
         return None
-    *spin, probability = left_out[k]
-    spins = _of_period(points, k, *spin)
-    return Contradiction((k,), *spins, probability, moved=False, agree=1.0 - probability)
+    return _named(points, (k,), left_out[k], moved=False, agree=1.0 - left_out[k][2])
+
+
+def _named(
+    points: SparsePoints,
+    curves: tuple[int, ...],
+    without: tuple[Floats, float, float],
+    *,
+    moved: bool,
+    agree: float,
+) -> Contradiction:
+    """A contradiction, from pole, frequency and probability without the first of the curves."""
+    pole, frequency, probability = without
+    spins = _of_period(points, curves[0], pole, frequency)
+    return Contradiction(curves, *spins, probability, moved, agree)
 
 
 def _without(points: SparsePoints, curve: int) -> SparsePoints:

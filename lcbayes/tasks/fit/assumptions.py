@@ -95,8 +95,11 @@ def _of_known_spin(curve: LightCurve, options: Mapping[str, Any]) -> Iterator[st
         yield from known.sentences(rate, axes, constant=options.get("spin") != "torque-free")
 
 
-def _of_faults(curve: LightCurve, values: Mapping[str, Any]) -> Iterator[str]:
-    """What is assumed of zero points, clocks and the rate of rotation."""
+def _of_faults(curve: LightCurve, values: Mapping[str, Any], *, drifting: bool) -> Iterator[str]:
+    """What is assumed of zero points, clocks and the rate of rotation.
+
+    ``drifting``: whether the rate may drift in the search for solutions.
+    """
     seen_by = observers(curve)
     groups = calibrations(curve, seen_by)
     if seen_by.source == "directions":
@@ -127,6 +130,7 @@ def _of_faults(curve: LightCurve, values: Mapping[str, Any]) -> Iterator[str]:
         yield (
             f"The rate of rotation may change by {100 * sd:g} % over the light curve "
             "(rate_drift_sd), less where that would be a turn; omega is its mean."
+            + ("" if drifting else " The search for solutions takes it as constant.")
         )
 
 
@@ -167,7 +171,7 @@ def _of_data(curve: LightCurve, entry: Entry, options: Mapping[str, Any]) -> Ite
     )
     if law in NOISE:
         yield NOISE[law]
-    yield from _of_faults(curve, values)
+    yield from _of_faults(curve, values, drifting=entry.searched(options).get("rate_drift_sd") != 0)
     yield from _of_nutation(values)
     unknown = sorted({str(b) for b in curve.band if str(b) and str(b) not in SUN_MAGNITUDE})
     if curve.kind == "mag" and unknown:
