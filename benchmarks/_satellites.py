@@ -63,6 +63,9 @@ class Fault:
         return 2 if self.zero_point or self.clock else 1
 
 
+STEADY = Fault()  # none
+
+
 @dataclass(frozen=True)
 class Body:
     """Lambertian facets and a constant angular velocity.
@@ -332,8 +335,8 @@ def draw_case(fault: Fault, seed: int, n_points: int = N_POINTS) -> Case:
     """A random campaign and body, observed with the fault.
 
     One to three sites and nights, and one to six passes, are drawn; up to four passes in a night.
-    The campaign, the body and the points do not depend on the fault, except that some faults need
-    two sites.
+    The campaign does not depend on the fault, except that some faults need two sites. The points
+    are those at which the body with its fault is bright; where they are too few, another is drawn.
     """
     rng = np.random.default_rng([20240101, seed])
     n_sites = int(rng.integers(fault.needs_sites, 4))
@@ -343,12 +346,12 @@ def draw_case(fault: Fault, seed: int, n_points: int = N_POINTS) -> Case:
         campaign = draw_campaign(rng, n_sites, n_passes, n_nights)
         for _ in range(50):
             body = draw_body(rng)
-            if (rows := detected(campaign, body, n_points)) is not None:
+            if (rows := detected(campaign, body, n_points, fault)) is not None:
                 noise_rng = np.random.default_rng([20240101, seed, 1])
                 return observe(noise_rng, campaign, body, fault, rows)
 
 
-def detected(campaign: Campaign, body: Body, n_points: int) -> Ints | None:
+def detected(campaign: Campaign, body: Body, n_points: int, fault: Fault = STEADY) -> Ints | None:
     """Points of the campaign at which the body is bright, thinned to ``n_points``.
 
     None if there are too few of them, a pass or a site has hardly any, or a facet does not show:
@@ -356,7 +359,8 @@ def detected(campaign: Campaign, body: Body, n_points: int) -> Ints | None:
     """
     t = campaign.t
     sun, obs, _ = campaign.orbit.view(t, campaign.site)
-    each = facet_flux(normals_at(body, t, Fault(), t.min(), t.max()), body.areas, sun, obs, 0.0)
+    normals = normals_at(body, t, fault, t.min(), t.max())
+    each = facet_flux(normals, body.areas, sun, obs, fault.lobe)
     flux = each.sum(axis=1)
     bright = np.flatnonzero(flux > FAINTEST * flux.mean())
     if len(bright) < n_points:
@@ -383,7 +387,7 @@ def observe(
         normals = np.vstack([body.normals, extra / np.linalg.norm(extra)])
         areas = np.append(body.areas, fault.extra_facet * body.areas.sum())
         whole = Body(normals, areas, body.omega)
-    span = float(t.min()), float(t.max())
+    span = float(campaign.t.min()), float(campaign.t.max())
     sun, obs, distance = campaign.orbit.view(t, site)
     each = facet_flux(normals_at(whole, t, fault, *span), whole.areas, sun, obs, fault.lobe)
     flux = np.maximum(each.sum(axis=1), 0.1 * FAINTEST * each.sum(axis=1).mean())
@@ -393,6 +397,8 @@ def observe(
     steady = replace(fault, nutation=0.0)
     first = np.array([recorded.min()])
     order = np.argsort(recorded, kind="stable")
+    # The mean rate over the points is that in the middle of them, not of the campaign.
+    later = (0.5 * (t.min() + t.max()) - 0.5 * sum(span)) / max(span[1] - span[0], 1e-9)
     return Case(
         replace(
             campaign, t=t[order], site=site[order], which_pass=campaign.which_pass[rows][order]
@@ -402,7 +408,7 @@ def observe(
         error[order],
         normals_at(body, first, steady, *span)[0],
         body.areas,
-        body.omega,
+        body.omega * (1.0 + fault.rate_drift * later),
     )
 
 

@@ -46,7 +46,7 @@ MOST_OBSERVERS = 20  # of an expansion, as the clock of each is a variable
 ROUGH = 0.02  # tolerance of the body of such a search
 # during the search for solutions
 POOLED = {"zero_point_spread": 0.0, "clock_sd": 0.0, "rate_drift_sd": 0.0}
-KEPT = ("rate_drift_sd",)  # if it is given
+KEPT = {"clock_sd": "clock_offset_unit", "rate_drift_sd": "rate_drift_unit"}  # and their sites
 # while each arc has a phase of its own
 SEARCHED = {
     "zero_point_sd": 0.0,
@@ -358,9 +358,9 @@ def search(problem, data: Epochs, options, workers: int, progress, checkpoint=No
         simple = Problem(partial(model, **loose), apart.soft)
         ends = phases.with_shadows(simple, apart, ends, images, workers, progress)
     ends = phases.followed(simple, apart, ends, workers, progress)
-    drift_sd = float(options["rate_drift_sd"]) if "rate_drift_unit" in problem.names else 0.0
-    joined = turns.starts(simple, apart, ends, allowed, data, drift_sd)
-    options = options | POOLED | {"rate_drift_sd": drift_sd}
+    kept = {k: float(options[k]) for k, site in KEPT.items() if site in problem.names}
+    joined = turns.starts(simple, apart, ends, allowed, data, kept.get("rate_drift_sd", 0.0))
+    options = options | POOLED | kept
     held = held_shadows(problem, data, **options)
     if exact or held is None:
         return turns.optimised(problem, data, joined, workers, progress), coverage

@@ -18,6 +18,7 @@ SUMMARY = "N diffuse facets, constant rate or torque-free: albedo-areas, normals
 MOVED_FACETS = 3  # from this number on, facets have arrangements that chains may miss
 
 POOLED = nuisances.UNMODELLED  # during the search for solutions
+KEPT = ("clock_sd", "rate_drift_sd")
 
 
 def model(

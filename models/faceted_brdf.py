@@ -24,6 +24,7 @@ FACET_SITES = (
 )
 
 POOLED = nuisances.UNMODELLED  # during the search for solutions
+KEPT = ("clock_sd", "rate_drift_sd")
 
 
 def model(

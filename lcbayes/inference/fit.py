@@ -29,6 +29,8 @@ from lcbayes.inference import (
     tumbling_search,
 )
 from lcbayes.inference.arrangements import by_motion, joint, number_to_sample, plausible
+from lcbayes.inference.bridge_evidence import evidence
+from lcbayes.inference.goodness_of_fit import measure
 from lcbayes.inference.label_switching import AttitudeOrder, FacetOrder
 from lcbayes.inference.modes import (
     Mode,
@@ -52,20 +54,19 @@ from lcbayes.inference.spin_solutions import (
 from lcbayes.inference.start_from import placed
 from lcbayes.inference.tumbling_search import Repeats
 from lcbayes.inference.warped_bridge import APART_SE, related
-from lcbayes.modelling.constrained import potentials
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem, compiled, prior_draws
 from lcbayes.modelling.registry import Entry
-from lcbayes.samplers import annealing, bridge
+from lcbayes.samplers import annealing
 from lcbayes.samplers.bridge import LogEvidence
-from lcbayes.samplers.chains import Whitening
 from lcbayes.samplers.facet_moves import FacetMoves
 from lcbayes.samplers.sampling import BLOCK, OPTIMA, Sampler, Timing
 from lcbayes.samplers.settings import NUTS, PARTICLES, Settings
 from lcbayes.samplers.tempering_path import time_ordered
 
 Floats = NDArray[np.float64]
-BRIDGE_ESS = 200.0  # effective number of draws per solution in the error of its weight
+
+SEARCH, AGAIN = "search", "search-again"  # in a checkpoint
 
 
 @dataclass
@@ -170,15 +171,19 @@ class Stages:
         workers = max(1, min(os.cpu_count() or 1, settings.num_chains))
         return cls(plain, entry, settings, workers, checkpoint, progress, Timing(), options)
 
-    def simpler(self, data: Epochs) -> Problem:
-        """The problem of the search: the pooled and coarser form of the model, if it has one."""
-        options = self.entry.searched(self.options)
-        if build_problem(self.entry, options, data)[0].dim == self.plain.dim:
-            options = dict(self.options)
-        options = self.entry.coarser | options
-        if options == self.options:
-            return self.plain
-        return build_problem(self.entry, options, data)[0]
+    def simpler(self, data: Epochs, *, faulty: bool = False) -> Problem:
+        """The problem of the search: the pooled and coarser form of the model, if it has one.
+
+        ``faulty``: with the small faults of clocks and motion that the search otherwise leaves out.
+        """
+        options = self.entry.searched(self.options, faulty=faulty)
+        with self.entry.blamed():
+            if build_problem(self.entry, options, data)[0].dim == self.plain.dim:
+                options = dict(self.options)
+            options = self.entry.coarser | options
+            if options == self.options:
+                return self.plain
+            return build_problem(self.entry, options, data)[0]
 
     def order(self, problem: Problem) -> FacetOrder:
         """The labels of a problem that may be exchanged."""
@@ -195,13 +200,45 @@ class Stages:
         self, data: Epochs, key: jax.Array, spins: Sequence[Mapping[str, Any]] = ()
     ) -> Found:
         """Search with the model's pooled form if it has one, then re-optimise the solutions under
-        the full model and under the data weight that the misfit allows."""
-        plain, entry, settings, workers = self.plain, self.entry, self.settings, self.workers
-        options = self.options
+        the full model and under the data weight that the misfit allows.
+
+        If none explains the data, small faults of clocks and motion take part in another search.
+        """
+        plain, settings, workers = self.plain, self.settings, self.workers
+        pooled = self.simpler(data)
+        found, ends, n_starts, searched = self._optima(SEARCH, pooled, data, key, spins)
+        faulty = pooled if spins else self.simpler(data, faulty=True)
+        repeated = isinstance(searched, Repeats) or faulty.dim == pooled.dim
+        if not repeated and not measure(plain, data, found[0].z[None]).explained:
+            self.progress.say("searching again, with late clocks and a rate that changes")
+            more, others, n, _ = self._optima(AGAIN, faulty, data, key)
+            found = sorted([*found, *more], key=lambda s: s.potential)
+            ends, n_starts = search.joined(ends, others), n_starts + n
+        data = correlation.tempered(plain, found[0].z, data)
+        if data.information < 1.0 and pooled is plain:
+            found = solutions.polished(plain, data, self.most_probable(plain, data, found), workers)
+        elif data.information < 1.0:
+            found = solutions.optimise_held(pooled, plain, data, found)
+        found = solutions.select_for_sampling(plain, data, found)
+        sampled, rest = found[: settings.max_modes], found[settings.max_modes :]
+        return Found(sampled, rest, ends, data, n_starts, searched)
+
+    def _optima(
+        self,
+        name: str,
+        pooled: Problem,
+        data: Epochs,
+        key: jax.Array,
+        spins: Sequence[Mapping[str, Any]] = (),
+    ) -> tuple[list[Solution], search.SearchState, int, Coverage | Repeats | None]:
+        """The optima under the full model from a search with another, and all its end points.
+
+        The search goes by a name in the checkpoint. Numbers are those of `_ends`.
+        """
+        plain, entry = self.plain, self.entry
         with entry.blamed():
-            pooled = self.simpler(data)
-            chosen = {o.name: o.default for o in entry.options.values()} | dict(options)
-            ends, n_starts, searched = self._ends(pooled, data, chosen, key, spins)
+            chosen = {o.name: o.default for o in entry.options.values()} | dict(self.options)
+            ends, n_starts, searched = self._ends(name, pooled, data, chosen, key, spins)
         order = self.order(pooled)
         found = solutions.distinct(pooled, data, ends, order, len(ends.z))
         if not found:
@@ -215,17 +252,11 @@ class Stages:
             found = solutions.select_for_sampling(pooled, data, found)
             found = solutions.refined(pooled, plain, data, self.most_probable(pooled, data, found))
             ends = ends._replace(z=solutions.completed(pooled, plain, data, ends.z))
-        data = correlation.tempered(plain, found[0].z, data)
-        if data.information < 1.0 and pooled is plain:
-            found = solutions.polished(plain, data, self.most_probable(plain, data, found), workers)
-        elif data.information < 1.0:
-            found = solutions.optimise_held(pooled, plain, data, found)
-        found = solutions.select_for_sampling(plain, data, found)
-        sampled, rest = found[: settings.max_modes], found[settings.max_modes :]
-        return Found(sampled, rest, ends, data, n_starts, searched)
+        return found, ends, n_starts, searched
 
     def _ends(
         self,
+        name: str,
         problem: Problem,
         data: Epochs,
         options: Mapping[str, Any],
@@ -248,17 +279,17 @@ class Stages:
         if not spins and not settings.num_starts:
             facets = complete_search if applies(problem, data, options) else None
             complete = entry.hook("search") or facets
-        if (stored := checkpoint.load("search")) is not None:
+        if (stored := checkpoint.load(name)) is not None:
             coverage = Coverage.restored(stored)
             return search.SearchState(**stored), len(starts), coverage
         if complete is not None:
             ends, coverage = complete(problem, data, options, workers, progress, checkpoint)
-            checkpoint.save("search", ends._asdict() | coverage.stored())
+            checkpoint.save(name, ends._asdict() | coverage.stored())
             return ends, len(starts), coverage
         informed = entry.hook("starts") is not None or spins
         way = None if informed else time_ordered(problem, data)
         ends = search.successive_halving(problem, data, starts, workers, progress, way)
-        checkpoint.save("search", ends._asdict())
+        checkpoint.save(name, ends._asdict())
         return ends, len(starts), None
 
     def most_probable(
@@ -412,32 +443,6 @@ def posterior_of(
     return Posterior(problem, data, modes, log_evidence, 1)
 
 
-def evidence(
-    problem: Problem,
-    data: Epochs,
-    order: FacetOrder,
-    whitening: Whitening,
-    z: Floats,
-    z0: Floats,
-    rng: np.random.Generator,
-    energies: Floats | None = None,
-) -> LogEvidence:
-    """Evidence of a solution z0 (D,) from its draws z (C, S, D), over all facet orders.
-
-    ``energies`` (C, S) are −ln p of the draws, if they are known.
-    """
-    flat = z.reshape(-1, z.shape[-1])
-    y = np.linalg.solve(whitening.factor, (z - whitening.centre).reshape(flat.shape).T)
-    reference = order.like(z0, flat.mean(axis=0))
-    potential = _potential(problem, whitening, data, order, reference)
-    if energies is not None:
-        inside = np.all(order.like_all(flat, reference) == flat, axis=1)
-        energies = np.where(inside, energies.ravel(), np.inf).reshape(energies.shape)
-    found = bridge.bridge(y.T.reshape(z.shape), potential, BRIDGE_ESS, rng, energies)
-    shift = np.linalg.slogdet(whitening.factor)[1] + order.log_orders
-    return LogEvidence(float(found.value + shift), found.se)
-
-
 def hold(plain: Problem, problem: Problem, found: Sequence[Solution], data: Epochs) -> bool:
     """Whether the model's sampling coordinates represent every solution.
 
@@ -482,17 +487,6 @@ def _in_order(
 @partial(jax.jit, static_argnums=0)
 def _sizes(problem: Problem, rows: Floats, data: Epochs) -> jax.Array:
     return jax.vmap(lambda row: problem.constrain(row, data)["albedo_area"])(jnp.asarray(rows))
-
-
-def _potential(problem: Problem, whitening, data: Epochs, order: FacetOrder, reference: Floats):
-    """−ln p of whitened points whose facets are in the order of the reference (D,)."""
-
-    def potential(y: Floats) -> Floats:
-        z = whitening.centre + y @ whitening.factor.T
-        inside = np.all(order.like_all(z, reference) == z, axis=1)
-        return np.where(inside, potentials(problem, z, data), np.inf)
-
-    return potential
 
 
 __all__ = ["Mode", "Posterior", "run"]

@@ -233,13 +233,13 @@ def rate_drift(data: Epochs, rate: jax.Array, sd: float = RATE_DRIFT_SD) -> jax.
     if not _on("rate_drift_sd", sd) or data.n_segments < 2:
         return None
     unit = jnp.asarray(numpyro.sample("rate_drift_unit", dist.Normal(0.0, 1.0)))
-    drift = unit * rate_drift_scale(data, rate, sd)
+    drift = unit * rate_drift_scale(data.t_span, rate, sd)
     return jnp.asarray(numpyro.deterministic("rate_drift", drift))
 
 
-def rate_drift_scale(data: Epochs, rate: jax.Array | float, sd: float) -> jax.Array:
-    """Prior standard deviation of `rate_drift` at a rate (rad/s)."""
-    return sd / jnp.sqrt(1.0 + (sd * rate * data.t_span / (8.0 * MAX_DRIFT_PHASE)) ** 2)
+def rate_drift_scale(span: float | jax.Array, rate: Any, sd: float) -> jax.Array:
+    """Prior standard deviation of `rate_drift` at rates (rad/s), over a time span (s)."""
+    return sd / jnp.sqrt(1.0 + (sd * rate * span / (8.0 * MAX_DRIFT_PHASE)) ** 2)
 
 
 @dataclass(frozen=True)

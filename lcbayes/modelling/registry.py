@@ -28,7 +28,8 @@ model is shown to the user. The report recognises standard site names (``albedo_
     sites are a subset of those of the full model. Its solutions are the starting points of the
     search with the full model; the other sites start at their prior means.
 ``KEPT``
-    Names of options of ``POOLED`` that the search takes as they are if they are given.
+    Names of options of ``POOLED`` that the search takes as they are if they are given, or if
+    nothing that it finds without them explains the data.
 ``COARSER``
     Values of options, unless they are given, with which the model costs less and is less exact,
     for the search.
@@ -115,9 +116,13 @@ class Entry:
     def pooled(self) -> dict[str, Any]:
         return dict(getattr(self.module, "POOLED", {}))
 
-    def searched(self, options: Mapping[str, Any]) -> dict[str, Any]:
-        """The options of the search: those that are given, and `pooled` unless they are kept."""
-        kept = set(getattr(self.module, "KEPT", ())) & set(options)
+    def searched(self, options: Mapping[str, Any], *, faulty: bool = False) -> dict[str, Any]:
+        """The options of the search: those that are given, and `pooled` unless they are kept.
+
+        Those of ``KEPT`` are kept if they are given, or all if the data are ``faulty``.
+        """
+        kept = set(getattr(self.module, "KEPT", ()))
+        kept = kept if faulty else kept & set(options)
         return {**options, **{k: v for k, v in self.pooled.items() if k not in kept}}
 
     @property

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from lcbayes.data.lightcurve import LightCurve
+
+GAP = 5400.0  # s between the passes of a `Truth`
+
 
 def unit(v: np.ndarray) -> np.ndarray:
     return v / np.linalg.norm(v, axis=-1, keepdims=True)
@@ -31,3 +35,40 @@ def flux(mu0: np.ndarray, mu: np.ndarray, areas: np.ndarray) -> np.ndarray:
     """Σ α μ₀μ/π, (..., T), of albedo-areas (..., N)."""
     lit = np.maximum(mu0, 0.0) * np.maximum(mu, 0.0) / np.pi
     return np.einsum("...tn,...n->...t", lit, areas)
+
+
+class Truth:
+    """Three facets seen in passes, by default two during some twenty turns."""
+
+    pole = np.array([0.48, -0.6, 0.64])
+    normals = np.array([[0.6, 0.0, 0.8], [-0.8, 0.6, 0.0], [0.0, -0.8, -0.6]])
+    areas = np.array([2.0, 1.0, 3.0])
+
+    def __init__(
+        self,
+        snr: float = 50.0,
+        period: float = 300.0,
+        passes: tuple[float, ...] = (0.0, GAP),
+        drift: float = 0.0,
+    ) -> None:
+        self.omega = 2 * np.pi / period * self.pole
+        rng = np.random.default_rng(5)
+        t = np.concatenate([start + np.linspace(0, 400, 40) for start in passes])
+        changing = t - t.max() / 2  # the rate is ω (1 + drift × changing/T)
+        turned = t + drift * (changing**2 - changing[0] ** 2) / (2 * t.max())
+        lon = 0.9 + 1.3 * (t % GAP) / 400 + 0.8 * (t // GAP)
+        obs = np.stack([np.cos(lon), 0.8 * np.sin(lon), 0.6 * np.sin(lon)], axis=1)
+        sun = np.tile([0.0, 0.6, 0.8], (t.size, 1))
+        s, o = (in_body_axes(v, turned, self.omega) for v in (sun, obs))
+        mu0, mu = (np.maximum(v @ self.normals.T, 0.0) for v in (s, o))
+        flux = mu0 * mu / np.pi @ self.areas
+        error = np.full(t.size, flux.mean() / snr)
+        self.curve = LightCurve(
+            t=t,
+            brightness=flux + error * rng.standard_normal(t.size),
+            error=error,
+            kind="flux",
+            sun=sun,
+            obs=obs,
+            free_scale=np.array([False]),
+        )

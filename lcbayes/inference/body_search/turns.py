@@ -73,7 +73,7 @@ def joined(
     # the phase at a time e from the middle is that in the middle and rate × (e + drift e²/2T)
     bend = np.zeros_like(since)
     if drift_sd and data.n_segments > 1:
-        scale = float(nuisances.rate_drift_scale(data, rate, drift_sd))
+        scale = float(nuisances.rate_drift_scale(data.t_span, rate, drift_sd))
         bend = scale * 0.5 * rate * since**2 / float(data.t_span)
     for new, unit in _rates(problem, separate, z, allowed, phase, rate, bend):
         apart = phase - phase[0] - new * (since - since[0]) - unit * (bend - bend[0])

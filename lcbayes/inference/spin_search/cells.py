@@ -24,6 +24,7 @@ from lcbayes.core.progress import Silent, Track
 from lcbayes.core.threads import threads
 from lcbayes.inference.spin_search.allowed import Allowed
 from lcbayes.inference.spin_search.arcs import Arcs
+from lcbayes.inference.spin_search.drift import NONE, Drift
 from lcbayes.inference.spin_search.series import Series, log_evidence
 from lcbayes.physics.bodies import facets
 
@@ -52,12 +53,15 @@ class Cells(NamedTuple):
         Of the interval of rates that a cell stands for.
     score : (n,)
         ln evidence, up to a constant, plus ln of the prior density of ω.
+    drift : (n,)
+        In its prior sd at the rate: see `drift`.
     """
 
     pole: NDArray[np.int64]
     rate: Floats
     width: float
     score: Floats
+    drift: Floats
 
     def kept(self, most: int, margin: float = MARGIN) -> Cells:
         """The best cells, best first."""
@@ -72,12 +76,13 @@ class Cells(NamedTuple):
     @classmethod
     def restored(cls, arrays: dict[str, NDArray]) -> Cells:
         """The cells of a checkpoint."""
-        pole, rate, score = (arrays[name] for name in ("pole", "rate", "score"))
-        return cls(pole, rate, float(arrays["width"]), score)
+        pole, rate, score, drift = (arrays[name] for name in ("pole", "rate", "score", "drift"))
+        return cls(pole, rate, float(arrays["width"]), score, drift)
 
     def at(self, rows: NDArray[Any]) -> Cells:
         """Some of the cells, by index or mask."""
-        return self._replace(pole=self.pole[rows], rate=self.rate[rows], score=self.score[rows])
+        pole, rate, _, score, drift = self
+        return self._replace(pole=pole[rows], rate=rate[rows], score=score[rows], drift=drift[rows])
 
 
 @dataclass(frozen=True)
@@ -161,6 +166,7 @@ class Grid:
         that is.
     allowed : Allowed
         The spins to visit.
+    drift : Drift
     """
 
     series: Series
@@ -171,9 +177,12 @@ class Grid:
     coarse_step: float
     row: NDArray[np.int64]
     allowed: Allowed
+    drift: Drift = NONE
 
     @classmethod
-    def of(cls, series: Series, arcs: Arcs, prior: Floats, allowed: Allowed) -> Grid:
+    def of(
+        cls, series: Series, arcs: Arcs, prior: Floats, allowed: Allowed, drift: Drift = NONE
+    ) -> Grid:
         """The grids of the poles and rates that are allowed."""
         low, high = allowed.slowest, allowed.fastest
         n = max(1, int(np.ceil((high - low) * max(arcs.duration, 1e-9) / STEP)))
@@ -183,7 +192,7 @@ class Grid:
         nearest = np.abs(np.arange(n)[:, None] - rows).argmin(axis=1)
         poles = facets.grid(POLE_GRID)
         poles = poles[allowed.poles(poles, POLE_STEP)]
-        return cls(series, arcs, prior, poles, full[rows], step, nearest, allowed)
+        return cls(series, arcs, prior, poles, full[rows], step, nearest, allowed, drift)
 
     @property
     def n_arcs(self) -> int:
@@ -227,16 +236,16 @@ class Grid:
         full = ((rate - self.allowed.slowest) / self.coarse_step).astype(int)
         return self.row[np.clip(full, 0, self.row.size - 1)]
 
-    def score(
-        self, pole: NDArray[np.int64], rate: Floats, n_arcs: int, workers: int, bar: Track
-    ) -> Floats:
+    def score(self, cells: Cells, n_arcs: int, workers: int, bar: Track) -> Floats:
         """Scores (n,) of cells from the first arcs."""
+        pole, rate = cells.pole, cells.rate
         order = np.argsort(pole, kind="stable")
         poles, first = np.unique(pole[order], return_index=True)
         scores = np.empty(rate.size)
-        middle = self.arcs.middle[:n_arcs]
+        middle = np.asarray(self.arcs.middle)
         # Phases count from the middle of the arcs in use: longitudes are free.
-        reference = 0.5 * float(jnp.min(middle) + jnp.max(middle))
+        reference = 0.5 * float(min(middle[:n_arcs]) + max(middle[:n_arcs]))
+        phase = self.drift.phase(rate, cells.drift, middle) - reference * rate[:, None]
 
         def one(k: int, rows: NDArray[np.int64]) -> None:
             tables = _tables(self.series, self.arcs, self.poles[k], self.coarse)
@@ -247,9 +256,8 @@ class Grid:
                     self.series,
                     tables,
                     self.prior,
-                    rate[padded],
+                    phase[padded],
                     self.index(rate[padded]),
-                    self.arcs.middle - reference,
                     n_arcs,
                 )
                 scores[part] = np.asarray(scored)[: part.size]
@@ -286,8 +294,7 @@ class Grid:
                 cells = self.divided(cells, n_arcs)
                 bar.more(cells.rate.size)
                 evaluated += cells.rate.size
-                score = self.score(cells.pole, cells.rate, n_arcs, workers, bar)
-                cells = cells._replace(score=score)
+                cells = cells._replace(score=self.score(cells, n_arcs, workers, bar))
                 kept.save(CELLS, cells.stored(n_arcs, evaluated))
         cells = cells.kept(most)
         return Found(cells, states, self.coverage(evaluated, cells.rate.size))
@@ -296,8 +303,9 @@ class Grid:
         """Cells of the first two arcs, in which each rate stands for all its aliases."""
         pole = np.repeat(np.arange(len(self.poles)), rate.size)
         rate = np.tile(rate, len(self.poles))
-        score = self.score(pole, rate, min(2, self.n_arcs), workers, bar)
-        return Cells(pole, rate, width, score).kept(BUDGET // 2)
+        cells = Cells(pole, rate, width, np.zeros(rate.size), np.zeros(rate.size))
+        score = self.score(cells, min(2, self.n_arcs), workers, bar)
+        return cells._replace(score=score).kept(BUDGET // 2)
 
     def coverage(self, evaluated: int, survivors: int) -> Coverage:
         """What the cells cover."""
@@ -308,11 +316,17 @@ class Grid:
         return Coverage(allowed.fastest, cells, evaluated, survivors, ranges, sky)
 
     def with_aliases(self, cells: Cells) -> Cells:
-        """The best cells of the first two arcs, with every rate that has their phase."""
+        """The best cells of the first two arcs, with every rate and drift that has their phase."""
+        units = self.drift.units(PHASE_STEP) if self.n_arcs > 2 else np.zeros(1)
         number = max(1.0, self.coarse_step * self.gap / (2 * np.pi)) if self.n_arcs > 1 else 1.0
-        cells = cells.kept(int(BUDGET / (2 * number)))
+        cells = cells.kept(int(BUDGET / (2 * number * len(units))))
         row, rate = self.aliases(cells.rate)
-        cells = cells._replace(pole=cells.pole[row], rate=rate, score=cells.score[row])
+        cells = cells.at(np.repeat(row, len(units)))
+        rate, drift = np.repeat(rate, len(units)), np.tile(units, len(rate))
+        if self.drift.sd:
+            pair = np.asarray(self.arcs.middle[:2])
+            rate = rate * np.ptp(pair) / np.abs(np.diff(self.drift.time(rate, drift, pair))[:, 0])
+        cells = cells._replace(rate=rate, drift=drift)
         return cells.at(self.allowed.rates(cells.rate, 0.5 * cells.width))
 
     def divided(self, cells: Cells, n_arcs: int) -> Cells:
@@ -322,8 +336,8 @@ class Grid:
         cells = cells.kept(max(MIN_KEPT, BUDGET // number))
         offset = ((np.arange(number) + 0.5) / number - 0.5) * cells.width
         rate = (cells.rate[:, None] + offset).ravel()
-        score = np.repeat(cells.score, number)
-        divided = Cells(np.repeat(cells.pole, number), rate, cells.width / number, score)
+        divided = cells.at(np.repeat(np.arange(cells.rate.size), number))
+        divided = divided._replace(rate=rate, width=cells.width / number)
         return divided.at(self.allowed.rates(rate, 0.5 * divided.width))
 
 
@@ -340,18 +354,18 @@ def _tables(series: Series, arcs: Arcs, pole: jax.Array, coarse: jax.Array):
 
 
 @jax.jit
-def _scores(series: Series, tables, prior, rate, index, middle, n_arcs) -> jax.Array:
+def _scores(series: Series, tables, prior, phase, index, n_arcs) -> jax.Array:
     matrices, vectors = tables
 
     def one(cell):
-        rate, i = cell
+        phase, i = cell
 
         def add(k, total):
-            matrix, vector = series.turned_normal(matrices[i, k], vectors[i, k], rate * middle[k])
+            matrix, vector = series.turned_normal(matrices[i, k], vectors[i, k], phase[k])
             return total[0] + matrix, total[1] + vector
 
         return log_evidence(
             *jax.lax.fori_loop(0, n_arcs, add, (jnp.diag(prior), jnp.zeros(prior.size)))
         )
 
-    return jax.lax.map(one, (rate, index), batch_size=64)
+    return jax.lax.map(one, (phase, index), batch_size=64)

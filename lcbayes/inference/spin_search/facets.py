@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.inference.facet_climb import with_sites
+from lcbayes.inference.spin_search.drift import SITE
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem, compiled
 from lcbayes.samplers.facet_moves import AREAS, NORMALS
@@ -30,27 +31,34 @@ class Bodies(NamedTuple):
     omega : (n, 3) rad/s
     normals : (n, N, 3), body axes, which are the inertial axes at t = 0
     areas : (n, N) m²
+    drift : (n,), optional
+        Of the rate, in its prior sd; by default there is none.
     """
 
     omega: Floats
     normals: Floats
     areas: Floats
+    drift: Floats | None = None
 
 
 def starts(problem: Problem, data: Epochs, bodies: Bodies, omega_sd: float) -> Floats:
     """Unconstrained vectors (n, D); sites that a body does not set are at their prior means."""
     draw = compiled(problem.constrain)(jnp.zeros(problem.dim), data)
     rest = {k: draw[k] for k in problem.names if k not in (NORMALS, OMEGA, AREAS)}
-    return np.asarray(_rows(problem, rest, *(jnp.asarray(x) for x in bodies), omega_sd))
+    drift = np.zeros(len(bodies.omega)) if bodies.drift is None else bodies.drift
+    every = bodies._replace(drift=drift)
+    return np.asarray(_rows(problem, rest, *(jnp.asarray(x) for x in every), omega_sd))
 
 
 @partial(jax.jit, static_argnums=0)
-def _rows(problem: Problem, rest, omega, normals, areas, omega_sd):
-    def one(omega, normals, areas):
+def _rows(problem: Problem, rest, omega, normals, areas, drift, omega_sd):
+    def one(omega, normals, areas, drift):
         known = {OMEGA: omega / omega_sd, NORMALS: normals, AREAS: jnp.log(areas)}
+        if SITE in rest:
+            known[SITE] = drift
         return problem.ravel(rest | known)
 
-    return jax.vmap(one)(omega, normals, areas)
+    return jax.vmap(one)(omega, normals, areas, drift)
 
 
 def aliases(problem: Problem, data: Epochs, middles: Floats, z: Floats) -> Iterator[Floats]:

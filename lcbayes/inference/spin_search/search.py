@@ -21,6 +21,7 @@ from lcbayes.inference.spin_search.allowed import Allowed
 from lcbayes.inference.spin_search.arcs import Arcs, Points
 from lcbayes.inference.spin_search.bodies import States
 from lcbayes.inference.spin_search.cells import Cells, Coverage, Grid
+from lcbayes.inference.spin_search.drift import NONE, Drift
 from lcbayes.inference.spin_search.facets import OMEGA, Bodies, aliases, starts
 from lcbayes.inference.spin_search.pursuit import pursued
 from lcbayes.inference.spin_search.series import Series, frame, precision, total_area
@@ -87,6 +88,8 @@ def complete_search(
 ) -> tuple[SearchState, Coverage]:
     """Optima of the posterior over all constant spins that the prior allows, best first.
 
+    The rate may change slowly if it does so in the problem.
+
     1. Every cell of pole and rate gets the evidence of a random body (`series`), from the closest
        pair of passes to all (`cells`).
     2. The best are ordered once more by bodies of a few facets (`pursuit`), slow ones apart.
@@ -114,7 +117,8 @@ def complete_search(
     -------
     SearchState, Coverage
     """
-    spins = find_spins(data, options, workers, progress, checkpoint)
+    drift = Drift.of(data, problem, float(options["rate_drift_sd"]))
+    spins = find_spins(data, options, workers, progress, checkpoint, drift)
     return with_bodies(problem, data, options, spins, workers, progress), spins.coverage
 
 
@@ -123,6 +127,15 @@ class Motions(NamedTuple):
 
     pole: Floats
     rate: Floats
+    phase: Floats
+
+
+class Rotations(NamedTuple):
+    """Poles (n, 3), rates (n,) rad/s, their drifts (n,) in prior sd, and phases (n,) at t = 0."""
+
+    pole: Floats
+    rate: Floats
+    drift: Floats
     phase: Floats
 
 
@@ -135,12 +148,12 @@ class Spins:
     Attributes
     ----------
     run : _Refinement
-    motions : Motions
+    rotations : Rotations
     coverage : Coverage
     """
 
     run: _Refinement
-    motions: Motions
+    rotations: Rotations
     coverage: Coverage
 
 
@@ -150,6 +163,7 @@ def find_spins(
     workers: int,
     progress: Silent,
     checkpoint: Checkpoint | None = None,
+    drift: Drift = NONE,
 ) -> Spins:
     """The constant spins at which some body fits; parameters as for `complete_search`."""
     kept = Checkpoint(None, {}) if checkpoint is None else checkpoint.within("search")
@@ -158,7 +172,7 @@ def find_spins(
     points, series = Points.of(data), Series.of(law)
     total = total_area(series, points.sun, points.obs, points.flux)
     arcs = Arcs.of(points, allowed.fastest, SERIES_ERROR)
-    grid = Grid.of(series, arcs, precision(series, total), allowed)
+    grid = Grid.of(series, arcs, precision(series, total), allowed, drift)
     found = grid.search(workers, progress, SURVIVORS, kept)
     run = _Refinement(points, grid, law, total, workers)
     slow = run.slow(progress, kept.within("slow"))
@@ -167,7 +181,7 @@ def find_spins(
         ordered = run.by_facets(first.kept(RANKED.most))
         free = run.free([found.cells, ordered], bar, kept)
 
-        def constant() -> Motions:
+        def constant() -> Rotations:
             cells = [found.cells, ordered]
             if grid.n_arcs == 2:  # whose states stand for many spins
                 cells[1] = run.by_facets(run.aliases(ordered))
@@ -175,8 +189,8 @@ def find_spins(
                 cells += [slow, run.by_facets(slow, run.slow_rate)]
             return run.constant(cells, free)
 
-        motions = kept.once("constant", Motions, constant)
-    return Spins(run, motions, found.coverage)
+        rotations = kept.once("constant", Rotations, constant)
+    return Spins(run, rotations, found.coverage)
 
 
 def with_bodies(
@@ -190,7 +204,7 @@ def with_bodies(
 ) -> SearchState:
     """Optima of bodies of N facets at spins, best first; ``further`` are more starts (n, D)."""
     run, n, omega_sd = spins.run, int(options["n_facets"]), float(options["omega_sd"])
-    starts = run.bodies(problem, data, spins.motions, n, omega_sd)
+    starts = run.bodies(problem, data, spins.rotations, n, omega_sd)
     if further is not None:
         starts = np.concatenate([starts, further])
     ends = search.successive_halving(
@@ -232,8 +246,9 @@ class _Refinement:
     def free(self, cells: Sequence[Cells], bar: Track, kept: Checkpoint) -> States:
         """States of the best cells improved with free phases between the arcs, best first."""
         best = [c.at(states.representatives(self.grid, c, STATES[0])) for c in cells]
-        pole, rate = (np.concatenate([getattr(c, k) for c in best]) for k in ("pole", "rate"))
-        at = self.motions(pole, rate)
+        poles, phases = np.concatenate([c.pole for c in best]), [self.phase(c) for c in best]
+        rate = np.concatenate([c.rate for c in best])
+        at = Motions(self.grid.poles[poles], rate, np.concatenate(phases))
         for i, stage in enumerate(FREE):
             improved = kept.once(
                 f"free-{i}", States, lambda m=at, s=stage: self.improved(m, s, bar)
@@ -243,13 +258,12 @@ class _Refinement:
             at = Motions(improved.pole, improved.rate, improved.phase)
         return improved
 
-    def motions(self, pole: NDArray[np.int64], rate: Floats) -> Motions:
-        """Constant spins, with their phases at the middle of each arc."""
-        return Motions(
-            self.grid.poles[pole], rate, rate[:, None] * np.asarray(self.grid.arcs.middle)
-        )
+    def phase(self, spins: Cells | Rotations, arcs: Arcs | None = None) -> Floats:
+        """Phases (n, A) in the middle of arcs, since t = 0."""
+        arcs = self.grid.arcs if arcs is None else arcs
+        return self.grid.drift.phase(spins.rate, spins.drift, np.asarray(arcs.middle))
 
-    def constant(self, cells: Sequence[Cells], free: States) -> Motions:
+    def constant(self, cells: Sequence[Cells], free: States) -> Rotations:
         """Constant spins of the best cells, and those that fit the phases of states.
 
         Slow spins turn little within an arc, so that free phases hardly constrain them; there, the
@@ -259,15 +273,16 @@ class _Refinement:
         parts = []
         for some in cells:
             rows = states.representatives(self.grid, some, CELLS, span)
-            parts.append((self.grid.poles[some.pole[rows]], some.rate[rows], np.zeros(len(rows))))
+            best = some.at(rows)
+            poles = self.grid.poles[best.pole]
+            parts.append(Rotations(poles, best.rate, best.drift, -best.rate * self._middle))
         for i in range(free.rate.size):
-            rate, origin = states.spins(self.grid, free, i, ALIASES)
-            inside = self.grid.allowed.rates(rate, STRAY / max(span, 1e-9))
-            rate, origin = rate[inside], origin[inside]
+            near = states.spins(self.grid, free, i, ALIASES)
+            inside = self.grid.allowed.rates(near[0], STRAY / max(span, 1e-9))
+            rate, drift, phase = (x[inside] for x in near)
             pole = np.broadcast_to(free.pole[i], (rate.size, 3))
-            parts.append((pole, rate, origin + rate * self._middle))
-        pole, rate, phase = (np.concatenate(x) for x in zip(*parts, strict=True))
-        return Motions(pole, rate, phase[:, None])
+            parts.append(Rotations(pole, rate, drift, phase))
+        return Rotations(*(np.concatenate(x) for x in zip(*parts, strict=True)))
 
     def arcs(self, error: float, fastest: float) -> Arcs:
         """Arcs for rates up to the fastest (rad/s), with a relative error of the body."""
@@ -280,8 +295,7 @@ class _Refinement:
         motions apart by that.
         """
         arcs = self.arcs(RANKED.error, fastest)
-        phase = cells.rate[:, None] * np.asarray(arcs.middle)
-        motion = self.grid.poles[cells.pole], cells.rate, phase
+        motion = self.grid.poles[cells.pole], cells.rate, self.phase(cells, arcs)
         normals = facets.grid(RANKED.normals)
         fit = pursued(arcs, motion, self.law, normals, RANKED.facets, self.workers, RANKED.sweeps)
         return cells.at(np.argsort(fit.chi2[:, 0], kind="stable"))
@@ -296,23 +310,24 @@ class _Refinement:
         return each.at((rate > 0.0) & self.grid.allowed.rates(rate, 0.5 * some.width))
 
     def bodies(
-        self, problem: Problem, data: Epochs, spins: Motions, n_facets: int, omega_sd: float
+        self, problem: Problem, data: Epochs, spins: Rotations, n_facets: int, omega_sd: float
     ) -> Floats:
         """Unconstrained vectors (2 n, D) of bodies of N facets, two at each constant spin.
 
         Both are chosen by matching pursuit, one of them with a random facet.
         """
         places, arcs = facets.grid(PURSUED), Arcs.whole(self.points, 0.0)
+        if self.grid.drift.sd:
+            arcs = Arcs.of(self.points, self.grid.allowed.fastest, 0.0)
         rng = np.random.default_rng(0)
         first = rng.integers(len(places), size=(spins.rate.size, 1))
-        fit = pursued(arcs, spins, self.law, places, n_facets, self.workers, first=first)
+        motion = spins.pole, spins.rate, spins.phase[:, None] + self.phase(spins, arcs)
+        fit = pursued(arcs, motion, self.law, places, n_facets, self.workers, first=first)
         parts = []
-        for i, rate in enumerate(spins.rate):
-            angle = spins.phase[i, 0] - rate * self._middle  # at t = 0
-            axes = (np.asarray(frame(jnp.asarray(spins.pole[i]))) @ _about_z(angle)).T
-            omega = spins.pole[i] * rate
+        for i, (pole, rate, drift, phase) in enumerate(zip(*spins, strict=True)):
+            axes = (np.asarray(frame(jnp.asarray(pole))) @ _about_z(phase)).T
             each = zip(fit.rows[i], fit.areas[i], strict=True)
-            parts += [(omega, places[rows] @ axes, areas) for rows, areas in each]
+            parts += [(pole * rate, places[rows] @ axes, areas, drift) for rows, areas in each]
         every = Bodies(*(np.stack(x) for x in zip(*parts, strict=True)))
         return starts(problem, data, every, omega_sd)
 

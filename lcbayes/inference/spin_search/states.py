@@ -14,6 +14,8 @@ SAME_POLE = np.cos(np.radians(12.0))
 SAME_RATE = 1.5  # rad over an arc
 SAME_PHASE = 1.1  # rad
 ALIAS_STEP = 0.3  # rad over the time base
+UNIT_STEP = 0.25  # rad, of the phase by a drift
+SAME_DRIFT = 0.6  # prior sd
 REACH = 30.0  # sd of the rate: the free body is on a grid, whose errors exceed the noise
 
 
@@ -26,8 +28,8 @@ def representatives(
     """
     span = grid.arcs.duration if span is None else span
     middle = np.asarray(grid.arcs.middle)
-    phases = cells.rate[:, None] * (middle - middle[0])
-    turn = np.exp(1j * phases)
+    phases = grid.drift.phase(cells.rate, cells.drift, middle)
+    turn = np.exp(1j * (phases - phases[:, :1]))
     poles = grid.poles[cells.pole]
     left = np.ones(cells.rate.size, bool)
     chosen = []
@@ -68,12 +70,32 @@ def distinct(states: States, span: float, most: int) -> NDArray[np.int64]:
     return np.array(chosen)
 
 
-def spins(grid: Grid, states: States, i: int, most: int) -> tuple[Floats, Floats]:
-    """Constant spins near state i: rates (k,) rad/s and phases (k,) at t = 0.
+def spins(grid: Grid, states: States, i: int, most: int) -> tuple[Floats, Floats, Floats]:
+    """Spins near state i: rates (k,) rad/s, drifts (k,) in their sd, and phases (k,) at t = 0.
 
     Those of the least loss of χ², which is quadratic in the differences of rate and phases from
-    those of the state.
+    those of the state, with the prior of the drift.
     """
+    units = grid.drift.units(UNIT_STEP)
+    found = [_spins(grid, states, i, most, unit) for unit in units]
+    unit = np.repeat(units, [len(f[0]) for f in found])
+    loss, rate, phase = (np.concatenate(x) for x in zip(*found, strict=True))
+    span = float(grid.arcs.span[-1])
+    chosen: list[int] = []
+    for row in np.argsort(loss + unit**2, kind="stable"):
+        apart = np.abs(unit[chosen] - unit[row])
+        near = (apart > 0.0) & (apart < SAME_DRIFT)  # one minimum, seen at several drifts
+        if not np.any(near & (np.abs(rate[chosen] - rate[row]) * span < SAME_RATE)):
+            chosen.append(int(row))
+        if len(chosen) == most:
+            break
+    return rate[chosen], unit[chosen], phase[chosen]
+
+
+def _spins(
+    grid: Grid, states: States, i: int, most: int, unit: float
+) -> tuple[Floats, Floats, Floats]:
+    """Losses (k,) of χ², rates (k,) rad/s and phases (k,) at t = 0, for one drift."""
     middle = np.asarray(grid.arcs.middle)
     span = float(grid.arcs.span[-1])
     q = states.information[i]
@@ -82,7 +104,8 @@ def spins(grid: Grid, states: States, i: int, most: int) -> tuple[Floats, Floats
     total = max(one @ q[1:, 1:] @ one, 1e-300)
     reach = min(REACH * _width(q, one, total), grid.coarse_step) + 2.0 / span
     rate = np.abs(states.rate[i] + np.arange(-reach, reach, ALIAS_STEP / span))
-    gap = np.angle(np.exp(1j * (rate[:, None] * middle - states.phase[i])))
+    phases = grid.drift.phase(rate, np.full(rate.size, unit), middle)
+    gap = np.angle(np.exp(1j * (phases - states.phase[i])))
     mean = np.angle(np.mean(np.exp(1j * gap), axis=1))  # of phases, which wrap
     gap = np.angle(np.exp(1j * (gap - mean[:, None])))
     x = np.concatenate([(rate - states.rate[i])[:, None], gap], axis=1)
@@ -92,7 +115,7 @@ def spins(grid: Grid, states: States, i: int, most: int) -> tuple[Floats, Floats
     least = np.r_[True, loss[1:] <= loss[:-1]] & np.r_[loss[:-1] <= loss[1:], True]
     rows = np.flatnonzero(least)
     rows = rows[np.argsort(loss[rows])][:most]
-    return rate[rows], shift[rows] - mean[rows]
+    return loss[rows], rate[rows], shift[rows] - mean[rows]
 
 
 def _width(q: Floats, one: Floats, total: float) -> float:

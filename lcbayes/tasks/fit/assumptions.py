@@ -130,7 +130,12 @@ def _of_faults(curve: LightCurve, values: Mapping[str, Any], *, drifting: bool) 
         yield (
             f"The rate of rotation may change by {100 * sd:g} % over the light curve "
             "(rate_drift_sd), less where that would be a turn; omega is its mean."
-            + ("" if drifting else " The search for solutions takes it as constant.")
+            + (
+                ""
+                if drifting
+                else " The search for solutions takes it as constant, unless nothing then explains "
+                "the data."
+            )
         )
 
 

@@ -270,7 +270,7 @@ def test_a_motion_of_many_turns_between_passes_is_found(monkeypatch):
 def test_a_motion_is_found_although_a_pass_is_late(monkeypatch):
     """A drift of the rate explains the middle one of three passes if it is 4 s (16 deg) late.
 
-    The search has the drift if the option is given, and not by default.
+    The search has the drift if the option is given, or again if nothing else explains the data.
     """
     monkeypatch.setattr(cells, "POLES", 160)
     monkeypatch.setattr(phases, "STARTS", 256)
@@ -280,6 +280,7 @@ def test_a_motion_is_found_although_a_pass_is_late(monkeypatch):
     defaults = {o.name: o.default for o in entry.options.values()}
     given = {"body": BOX, "omega_sd": 0.025}
     assert entry.searched(given)["rate_drift_sd"] == 0.0
+    assert "rate_drift_sd" not in entry.searched(given, faulty=True)
     options = entry.check(defaults | entry.searched(given | {"rate_drift_sd": 0.01}))
     problem, _ = build_problem(entry, options, data)
     ends, _ = model.search(problem, data, options, 1, Silent())

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
 from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
 
 from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Silent
-from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference import search
 from lcbayes.inference.problem_cache import build_problem
 from lcbayes.inference.spin_search import arcs, bodies, states
@@ -23,6 +23,7 @@ from lcbayes.inference.spin_search import search as complete
 from lcbayes.inference.spin_search.allowed import Allowed
 from lcbayes.inference.spin_search.arcs import Arcs, Points
 from lcbayes.inference.spin_search.cells import Cells, Coverage, Grid
+from lcbayes.inference.spin_search.drift import Drift
 from lcbayes.inference.spin_search.facets import Bodies, starts
 from lcbayes.inference.spin_search.search import Stage, _Refinement, applies, complete_search
 from lcbayes.inference.spin_search.series import Series, log_evidence, precision, total_area
@@ -32,42 +33,10 @@ from lcbayes.modelling.known_spin import KnownSpin
 from lcbayes.modelling.spin_coordinates import RateAndDirection
 from lcbayes.results.reasons import searched
 from tests.helpers import small_curves
-from tests.helpers.turning_facets import in_body_axes
+from tests.helpers.turning_facets import GAP, Truth, in_body_axes
 
 LAW = "lambertian"
-GAP = 5400.0  # s between the passes
 OMEGA_SD = 0.008
-
-
-class Truth:
-    """Three facets seen in passes, by default two during some twenty turns."""
-
-    pole = np.array([0.48, -0.6, 0.64])
-    normals = np.array([[0.6, 0.0, 0.8], [-0.8, 0.6, 0.0], [0.0, -0.8, -0.6]])
-    areas = np.array([2.0, 1.0, 3.0])
-
-    def __init__(
-        self, snr: float = 50.0, period: float = 300.0, passes: tuple[float, ...] = (0.0, GAP)
-    ) -> None:
-        self.omega = 2 * np.pi / period * self.pole
-        rng = np.random.default_rng(5)
-        t = np.concatenate([start + np.linspace(0, 400, 40) for start in passes])
-        lon = 0.9 + 1.3 * (t % GAP) / 400 + 0.8 * (t // GAP)
-        obs = np.stack([np.cos(lon), 0.8 * np.sin(lon), 0.6 * np.sin(lon)], axis=1)
-        sun = np.tile([0.0, 0.6, 0.8], (t.size, 1))
-        s, o = (in_body_axes(v, t, self.omega) for v in (sun, obs))
-        mu0, mu = (np.maximum(v @ self.normals.T, 0.0) for v in (s, o))
-        flux = mu0 * mu / np.pi @ self.areas
-        error = np.full(t.size, flux.mean() / snr)
-        self.curve = LightCurve(
-            t=t,
-            brightness=flux + error * rng.standard_normal(t.size),
-            error=error,
-            kind="flux",
-            sun=sun,
-            obs=obs,
-            free_scale=np.array([False]),
-        )
 
 
 @pytest.fixture(scope="module")
@@ -368,7 +337,7 @@ def test_a_stopped_search_ends_as_an_uninterrupted_one(tmp_path, truth: Truth, m
 def test_spins_that_differ_by_a_turn_between_passes_are_one_state(grid: Grid):
     turn = 2 * np.pi / grid.gap
     pole, rate = np.zeros(3, int), 0.02 + np.array([0.0, turn, 0.5 * turn])
-    cells = Cells(pole, rate, 0.1 * turn, np.array([2.0, 1.0, 0.0]))
+    cells = Cells(pole, rate, 0.1 * turn, np.array([2.0, 1.0, 0.0]), np.zeros(3))
     assert list(states.representatives(grid, cells, 10)) == [0, 2]
     assert list(states.representatives(grid, cells, 10, span=GAP)) == [0, 1, 2]
 
@@ -394,6 +363,19 @@ def test_the_search_ends_no_worse_than_at_the_truth(truth: Truth):
     body = Bodies(truth.omega[None], truth.normals[None], truth.areas[None])
     best = search.polish(problem, data, starts(problem, data, body, OMEGA_SD), 1)
     assert float(ends.potential[0]) <= float(best.potential[0]) + 0.5
+
+
+def test_the_phase_of_a_rate_that_drifts_is_its_integral():
+    """Against a quadrature of ω (1 + d (t − tₘ)/T), with the prior sd of d."""
+    rate, unit, middle, span, sd = 0.02, -1.3, 7000.0, 14_000.0, 0.05
+    drift = Drift(middle, span, sd)
+    d = unit * sd / np.hypot(1.0, sd * rate * span / 8.0)
+    t = np.array([0.0, 900.0, 6100.0, 13_900.0])
+    phase = [quad(lambda s: rate * (1.0 + d * (s - middle) / span), 0.0, end)[0] for end in t]
+    ours = drift.phase(np.array([rate]), np.array([unit]), t)
+    assert np.allclose(ours, [phase], rtol=1e-9, atol=1e-9)
+    steady = Drift().phase(np.array([rate]), np.array([unit]), t)
+    assert np.allclose(steady, [rate * t], rtol=1e-12)
 
 
 def test_points_of_two_observers_are_not_averaged(truth: Truth):
