@@ -46,7 +46,7 @@ from lcbayes.physics.bodies.shadows import Group
 NUDGE = 1e-10
 GRAZING = 1e-9  # a polygon whose cosine of incidence or of view is below this counts as dark
 MOST_TESTS = 1 << 14  # of edges against edges at once, in arrays that remain in cache ...
-FEWEST = 32  # ... but for so many pairs of a polygon and an epoch
+FEWEST = 16  # ... but for so many pairs of a polygon and an epoch
 
 
 def lit_and_seen(
@@ -192,20 +192,34 @@ def _outlines(group: Group, directions: Sequence[jax.Array]) -> Ends:
     Returns
     -------
     Ends
-        Arrays (2J, E, P): the solids along the first direction, then along the second.
+        Arrays (2J, S, P): the solids along the first direction, then along the second.
     """
     edges = []
+    always = jnp.any(group.second[:, :, 0] != group.second[:, :, 1], axis=2)
     for d in directions:
         facing = [jnp.sum(n * d, axis=2) > 0.0 for n in (group.normal_a, group.normal_b)]
-        outer = (facing[0] != facing[1])[:, :, None, None]
-        points = jnp.where(outer, group.first, group.second)
+        outer = facing[0] != facing[1]
+        points = jnp.where(outer[:, :, None, None], group.first, group.second)
         x, y, h = (points[:, :, :, i] for i in range(3))
         fallen = (x - h * (d[0] / d[2]), y - h * (d[1] / d[2]))
         start = tuple(jnp.where(facing[0], p[:, :, 0], p[:, :, 1]) for p in fallen)
         end = tuple(jnp.where(facing[0], p[:, :, 1], p[:, :, 0]) for p in fallen)
-        edges.append((*start, *end))
+        edges.append(_of_outline((*start, *end), outer | always, jnp.asarray(group.order)))
     ax, ay, bx, by = (jnp.concatenate(x) for x in zip(*edges, strict=True))
     return (ax, ay), (bx, by)
+
+
+def _of_outline(
+    ends: tuple[jax.Array, ...], outer: jax.Array, order: jax.Array
+) -> tuple[jax.Array, ...]:
+    """The edges (J, E, P) that are on an outline, as (J, S, P), with edges of no length after."""
+    if outer.shape[1] == len(order):
+        return ends
+    rank = jnp.cumsum(outer, axis=1)
+    at = jnp.sum(rank[:, None] < order[None, :, None], axis=2)
+    *start, x, y = (jnp.take_along_axis(z, at, axis=1, mode="clip") for z in ends)
+    there = at < outer.shape[1]
+    return *start, *(jnp.where(there, z, s) for z, s in zip((x, y), start, strict=True))
 
 
 def _nudged(start: Points, end: Points) -> Ends:

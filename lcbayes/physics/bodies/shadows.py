@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lcbayes.physics.bodies.outlines import longest_outline
 from lcbayes.physics.bodies.solids import Edges, Solid, above, edges, entered, vector_area
 
 Floats = NDArray[np.float64]
@@ -32,6 +33,8 @@ class Group(NamedTuple):
         Ends of the edges of each solid (`solids.Edges`): in the plane, and height above it.
     normal_a, normal_b : (J, E, 3, R)
         In the polygon's frame.
+    order : (S, R) int
+        1, 2, … S, the largest number of edges of an outline.
     middle : (J, 3, R) m
         From the middle of the polygon to that of each solid, in the polygon's frame.
     reach : (J, R) m
@@ -46,13 +49,14 @@ class Group(NamedTuple):
     second: Floats
     normal_a: Floats
     normal_b: Floats
+    order: NDArray[np.integer]
     middle: Floats
     reach: Floats
 
     @property
     def tests(self) -> int:
         """Edges tested against edges, for one polygon at one epoch."""
-        return _tests(len(self.corners), *self.first.shape[:2])
+        return _tests(len(self.corners), len(self.first), len(self.order))
 
 
 class _Receiver(NamedTuple):
@@ -102,33 +106,36 @@ def shadows(
         before = [edges(solid) for solid in met if solid is not None]
         if before:
             receivers.append(_Receiver(i, polygon, int(part[i]), before))
-            tests += _tests(*_size(receivers[-1]))
+            corners, count, _, outline = _size(receivers[-1])
+            tests += _tests(corners, count, outline)
             if tests > most:
                 return None
-    by_shape: dict[tuple[int, int, int], list[_Receiver]] = {}
+    by_shape: dict[tuple[int, int, int, int], list[_Receiver]] = {}
     for one in receivers:
         by_shape.setdefault(_size(one), []).append(one)
     return tuple(_group(size, members) for size, members in sorted(by_shape.items()))
 
 
-def _size(one: _Receiver) -> tuple[int, int, int]:
-    """Few sizes of groups: corners and edges of a solid are filled up to 4, 6, 8, 12, 16, 24, …"""
+def _size(one: _Receiver) -> tuple[int, int, int, int]:
+    """Few sizes of groups: corners, edges of a solid and edges of its outline are filled up to 4,
+    6, 8, 12, 16, 24, …, with the number of solids before those of edges."""
 
     def rounded(count: int) -> int:
         power = 1 << max(2, (count - 1).bit_length())
         return 3 * power // 4 if power > 4 and count <= 3 * power // 4 else power
 
-    slots = max(len(e.first) for e in one.before)
-    return rounded(len(one.polygon)), len(one.before), rounded(slots)
+    slots = rounded(max(len(e.first) for e in one.before))
+    outline = max(longest_outline(e) for e in one.before)
+    return rounded(len(one.polygon)), len(one.before), slots, min(slots, outline + outline % 2)
 
 
-def _group(size: tuple[int, int, int], members: list[_Receiver]) -> Group:
-    corners, _, slots = size
-    rows = [_placed(one, corners, slots) for one in members]
+def _group(size: tuple[int, int, int, int], members: list[_Receiver]) -> Group:
+    corners, _, slots, outline = size
+    rows = [_placed(one, corners, slots, outline) for one in members]
     return Group(*(np.stack(x, axis=-1) for x in zip(*rows, strict=True)))
 
 
-def _placed(one: _Receiver, size: int, slots: int) -> tuple[Any, ...]:
+def _placed(one: _Receiver, size: int, slots: int, outline: int) -> tuple[Any, ...]:
     """A polygon and the edges before it in its frame, filled up with edges of no length."""
     polygon, origin = one.polygon, one.polygon[0]
     vector = vector_area(polygon)
@@ -145,12 +152,12 @@ def _placed(one: _Receiver, size: int, slots: int) -> tuple[Any, ...]:
         more = slots - len(e.first)
         point = np.broadcast_to(e.first[0, 0], (more, 2, 3))
         ends = [(np.concatenate([x, point]) - origin) @ frame.T for x in (e.first, e.second)]
-        turned = [
-            np.concatenate([x, np.broadcast_to(x[0], (more, 3))]) @ frame.T
-            for x in (e.normal_a, e.normal_b)
-        ]
+        never = np.broadcast_to(e.normal_a[0], (more, 3))  # on the outline: both faces are one
+        turned = [np.concatenate([x, never]) @ frame.T for x in (e.normal_a, e.normal_b)]
         made.append((*ends, *turned, *_apart(corners, np.concatenate(ends))))
-    return one.index, frame, corners, area, *(np.stack(x) for x in zip(*made, strict=True))
+    *edges_before, middle, reach = (np.stack(x) for x in zip(*made, strict=True))
+    order = np.arange(1, outline + 1)
+    return one.index, frame, corners, area, *edges_before, order, middle, reach
 
 
 def _apart(corners: Floats, ends: Floats) -> tuple[Floats, np.floating]:
