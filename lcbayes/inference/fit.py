@@ -208,8 +208,8 @@ class Stages:
         pooled = self.simpler(data)
         found, ends, n_starts, searched = self._optima(SEARCH, pooled, data, key, spins)
         faulty = pooled if spins else self.simpler(data, faulty=True)
-        repeated = isinstance(searched, Repeats) or faulty.dim == pooled.dim
-        if not repeated and not measure(plain, data, found[0].z[None]).explained:
+        other = faulty.dim > pooled.dim and not isinstance(searched, Repeats)
+        if other and not measure(plain, data, found[0].z[None]).explained:
             self.progress.say("searching again, with late clocks and a rate that changes")
             more, others, n, _ = self._optima(AGAIN, faulty, data, key)
             found = sorted([*found, *more], key=lambda s: s.potential)
