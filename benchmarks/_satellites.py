@@ -63,9 +63,6 @@ class Fault:
         return 2 if self.zero_point or self.clock else 1
 
 
-STEADY = Fault()  # none
-
-
 @dataclass(frozen=True)
 class Body:
     """Lambertian facets and a constant angular velocity.
@@ -351,7 +348,7 @@ def draw_case(fault: Fault, seed: int, n_points: int = N_POINTS) -> Case:
                 return observe(noise_rng, campaign, body, fault, rows)
 
 
-def detected(campaign: Campaign, body: Body, n_points: int, fault: Fault = STEADY) -> Ints | None:
+def detected(campaign: Campaign, body: Body, n_points: int, fault: Fault) -> Ints | None:
     """Points of the campaign at which the body is bright, thinned to ``n_points``.
 
     None if there are too few of them, a pass or a site has hardly any, or a facet does not show:

@@ -19,6 +19,7 @@ from lcbayes.inference.body_search import cells, phases, turns
 from lcbayes.inference.body_search.surface import Surface
 from lcbayes.inference.label_switching import AttitudeOrder
 from lcbayes.inference.spin_search.allowed import Allowed
+from lcbayes.inference.spin_search.drift import Drift
 from lcbayes.modelling import body_expansion, body_motion, likelihood, nuisances, variables
 from lcbayes.modelling.body_expansion import BodyExpansion
 from lcbayes.modelling.epochs import Epochs
@@ -46,7 +47,7 @@ MOST_OBSERVERS = 20  # of an expansion, as the clock of each is a variable
 ROUGH = 0.02  # tolerance of the body of such a search
 # during the search for solutions
 POOLED = {"zero_point_spread": 0.0, "clock_sd": 0.0, "rate_drift_sd": 0.0}
-KEPT = {"clock_sd": "clock_offset_unit", "rate_drift_sd": "rate_drift_unit"}  # and their sites
+KEPT = ("clock_sd", "rate_drift_sd")
 # while each arc has a phase of its own
 SEARCHED = {
     "zero_point_sd": 0.0,
@@ -358,9 +359,8 @@ def search(problem, data: Epochs, options, workers: int, progress, checkpoint=No
         simple = Problem(partial(model, **loose), apart.soft)
         ends = phases.with_shadows(simple, apart, ends, images, workers, progress)
     ends = phases.followed(simple, apart, ends, workers, progress)
-    kept = {k: float(options[k]) for k, site in KEPT.items() if site in problem.names}
-    joined = turns.starts(simple, apart, ends, allowed, data, kept.get("rate_drift_sd", 0.0))
-    options = options | POOLED | kept
+    drift = Drift.of(data, problem, float(options["rate_drift_sd"]))
+    joined = turns.starts(simple, apart, ends, allowed, drift)
     held = held_shadows(problem, data, **options)
     if exact or held is None:
         return turns.optimised(problem, data, joined, workers, progress), coverage

@@ -206,12 +206,15 @@ class Stages:
         """
         plain, settings, workers = self.plain, self.settings, self.workers
         pooled = self.simpler(data)
-        found, ends, n_starts, searched = self._optima(SEARCH, pooled, data, key, spins)
-        faulty = pooled if spins else self.simpler(data, faulty=True)
-        other = faulty.dim > pooled.dim and not isinstance(searched, Repeats)
-        if other and not measure(plain, data, found[0].z[None]).explained:
-            self.progress.say("searching again, with late clocks and a rate that changes")
-            more, others, n, _ = self._optima(AGAIN, faulty, data, key)
+        found, ends, n_starts, searched = self._optima(data, key, spins)
+        again = not spins and not isinstance(searched, Repeats)
+        again = again and self.simpler(data, faulty=True).dim > pooled.dim
+        if again and not measure(plain, data, found[0].z[None]).explained:
+            self.progress.say(
+                "no solution explains the data; searching again with errors of clocks and a drift "
+                "of the rate"
+            )
+            more, others, n, _ = self._optima(data, key, faulty=True)
             found = sorted([*found, *more], key=lambda s: s.potential)
             ends, n_starts = search.joined(ends, others), n_starts + n
         data = correlation.tempered(plain, found[0].z, data)
@@ -225,19 +228,18 @@ class Stages:
 
     def _optima(
         self,
-        name: str,
-        pooled: Problem,
         data: Epochs,
         key: jax.Array,
         spins: Sequence[Mapping[str, Any]] = (),
+        *,
+        faulty: bool = False,
     ) -> tuple[list[Solution], search.SearchState, int, Coverage | Repeats | None]:
-        """The optima under the full model from a search with another, and all its end points.
-
-        The search goes by a name in the checkpoint. Numbers are those of `_ends`.
-        """
-        plain, entry = self.plain, self.entry
+        """Optima under the full model near those of `simpler`, and what `_ends` gives for that."""
+        plain, entry, name = self.plain, self.entry, AGAIN if faulty else SEARCH
+        pooled = self.simpler(data, faulty=faulty)
         with entry.blamed():
-            chosen = {o.name: o.default for o in entry.options.values()} | dict(self.options)
+            chosen = {o.name: o.default for o in entry.options.values()}
+            chosen |= entry.searched(self.options, faulty=faulty)
             ends, n_starts, searched = self._ends(name, pooled, data, chosen, key, spins)
         order = self.order(pooled)
         found = solutions.distinct(pooled, data, ends, order, len(ends.z))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lcbayes.data.lightcurve import LightCurve
+from tests.helpers import small_curves
 
 GAP = 5400.0  # s between the passes of a `Truth`
 
@@ -60,15 +60,7 @@ class Truth:
         obs = np.stack([np.cos(lon), 0.8 * np.sin(lon), 0.6 * np.sin(lon)], axis=1)
         sun = np.tile([0.0, 0.6, 0.8], (t.size, 1))
         s, o = (in_body_axes(v, turned, self.omega) for v in (sun, obs))
-        mu0, mu = (np.maximum(v @ self.normals.T, 0.0) for v in (s, o))
-        flux = mu0 * mu / np.pi @ self.areas
-        error = np.full(t.size, flux.mean() / snr)
-        self.curve = LightCurve(
-            t=t,
-            brightness=flux + error * rng.standard_normal(t.size),
-            error=error,
-            kind="flux",
-            sun=sun,
-            obs=obs,
-            free_scale=np.array([False]),
-        )
+        exact = flux(*cosines(s, o, self.normals), self.areas)
+        error = float(exact.mean()) / snr
+        noisy = exact + error * rng.standard_normal(t.size)
+        self.curve = small_curves.of_flux(t, noisy, error, sun, obs)

@@ -17,7 +17,7 @@ from lcbayes.inference import search
 from lcbayes.inference.body_search.phases import Separate, rows, turned
 from lcbayes.inference.search import SearchState
 from lcbayes.inference.spin_search.allowed import Allowed
-from lcbayes.modelling import nuisances
+from lcbayes.inference.spin_search.drift import SITE, Drift
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem, compiled
 
@@ -40,13 +40,12 @@ def starts(
     separate: Separate,
     ends: SearchState,
     allowed: Allowed,
-    data: Epochs,
-    drift_sd: float,
+    drift: Drift,
 ) -> list[dict[str, Any]]:
     """Sites of motions that agree with the phases of each arc at the best optima."""
     made: list[dict[str, Any]] = []
     for row in search.different(ends, ENDS):
-        made += joined(problem, separate, np.asarray(ends.z[row]), allowed, data, drift_sd)
+        made += joined(problem, separate, np.asarray(ends.z[row]), allowed, drift)
     return made
 
 
@@ -55,13 +54,11 @@ def joined(
     separate: Separate,
     z: Floats,
     allowed: Allowed,
-    data: Epochs,
-    drift_sd: float,
+    drift: Drift,
 ) -> Iterator[dict[str, Any]]:
     """Sites of motions that agree with the phases of each arc at an optimum (D,).
 
-    ``drift_sd`` is that of the model, for a rate that may change. Half turns are tried as well as
-    whole ones, because many bodies look nearly the same after them.
+    Half turns are tried as well as whole ones, because many bodies look nearly the same after them.
     """
     known = {k: np.asarray(v) for k, v in compiled(problem.constrain)(z, separate.exact).items()}
     sites = {name: known[name] for name in problem.names}
@@ -69,12 +66,8 @@ def joined(
     omega, middle = known["omega"], separate.middle
     rate = float(np.linalg.norm(omega))
     phase = rate * late[: len(middle)]
-    since = middle - float(data.t_middle)
-    # the phase at a time e from the middle is that in the middle and rate × (e + drift e²/2T)
-    bend = np.zeros_like(since)
-    if drift_sd and data.n_segments > 1:
-        scale = float(nuisances.rate_drift_scale(data.t_span, rate, drift_sd))
-        bend = scale * 0.5 * rate * since**2 / float(data.t_span)
+    since = middle - drift.middle
+    (bend,) = drift.bend(np.array([rate]), since)
     for new, unit in _rates(problem, separate, z, allowed, phase, rate, bend):
         apart = phase - phase[0] - new * (since - since[0]) - unit * (bend - bend[0])
         apart = (apart + 0.5 * np.pi) % np.pi - 0.5 * np.pi
@@ -82,7 +75,7 @@ def joined(
         moved = turned(sites, Rotation.from_rotvec(at_middle * omega / rate))
         for name in {"rate_unit", "omega_unit"} & moved.keys():
             moved[name] = moved[name] * new / rate
-        yield moved | ({"rate_drift_unit": np.asarray(unit)} if bend.any() else {})
+        yield moved | ({SITE: np.asarray(unit)} if drift.sd else {})
 
 
 def _rates(

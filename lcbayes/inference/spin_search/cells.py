@@ -324,8 +324,8 @@ class Grid:
         cells = cells.at(np.repeat(row, len(units)))
         rate, drift = np.repeat(rate, len(units)), np.tile(units, len(rate))
         if self.drift.sd:
-            pair = np.asarray(self.arcs.middle[:2])
-            rate = rate * np.ptp(pair) / np.abs(np.diff(self.drift.time(rate, drift, pair))[:, 0])
+            between = np.diff(self.drift.phase(rate, drift, np.asarray(self.arcs.middle[:2])))
+            rate = rate * rate * self.gap / np.abs(between[:, 0])
         cells = cells._replace(rate=rate, drift=drift)
         return cells.at(self.allowed.rates(cells.rate, 0.5 * cells.width))
 

@@ -1,9 +1,9 @@
-"""The phase of a body whose rate of rotation changes slowly over the light curve.
+"""The phase of a body whose rate of rotation drifts slowly over the light curve.
 
 The phase since t = 0 is ω (t + d ((t − tₘ)² − tₘ²)/2T), with tₘ the middle of the light curve, T
 its length and d the relative change of the rate: see `modelling.nuisances.Rotating`. Drifts are in
-units of their prior standard deviation at the rate. It keeps the phase by a drift below some
-radians at any rate, so that a few drifts stand for all.
+units of their prior standard deviation at the rate. That prior keeps the phase due to a drift below
+some radians at any rate, so that a few drifts stand for all.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ FARTHEST = 2.5  # prior sd
 
 @dataclass(frozen=True)
 class Drift:
-    """A change of the rate with a prior.
+    """A drift of the rate with a normal prior.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class Drift:
 
     @classmethod
     def of(cls, data: Epochs, problem: Problem, sd: float) -> Drift:
-        """The drift of a model with the given sd, if the problem has one."""
+        """A drift of the given sd if the problem has one."""
         return cls(float(data.t_middle), float(data.t_span), sd if SITE in problem.names else 0.0)
 
     def units(self, spacing: float) -> Floats:
@@ -52,18 +52,18 @@ class Drift:
         n = int(np.ceil(FARTHEST * nuisances.MAX_DRIFT_PHASE / spacing))
         return FARTHEST * np.arange(-n, n + 1) / n
 
-    def time(self, rate: Floats, unit: Floats, t: Floats) -> Floats:
-        """Times (n, A) at which bodies of constant rates (n,) have the phases that those with
-        drifts (n,) have at t (A,)."""
+    def bend(self, rate: Floats, since: Floats) -> Floats:
+        """Phases (n, A) rad due to a drift of one sd, at times (A,) s since the middle."""
         if not self.sd:
-            return np.broadcast_to(t, (len(rate), len(t)))
-        drift = unit * np.asarray(nuisances.rate_drift_scale(self.span, rate, self.sd))
-        bend = ((t - self.middle) ** 2 - self.middle**2) / (2.0 * self.span)
-        return t + drift[:, None] * bend
+            return np.zeros((len(rate), len(since)))
+        scale = np.asarray(nuisances.rate_drift_scale(self.span, rate, self.sd))
+        return (rate * scale)[:, None] * since**2 / (2.0 * self.span)
 
     def phase(self, rate: Floats, unit: Floats, t: Floats) -> Floats:
         """Phases (n, A) rad since t = 0 at t (A,), of rates (n,) and drifts (n,) in their sd."""
-        return np.asarray(rate)[:, None] * self.time(rate, unit, t)
+        start = np.array([-self.middle])
+        bend = self.bend(rate, t - self.middle) - self.bend(rate, start)
+        return rate[:, None] * t + unit[:, None] * bend
 
 
 NONE = Drift()

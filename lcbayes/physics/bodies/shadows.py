@@ -62,8 +62,8 @@ class Group(NamedTuple):
 class _Receiver(NamedTuple):
     index: int
     polygon: Floats
-    part: int
     before: list[Edges]
+    size: tuple[int, int, int, int]  # see `_size`
 
 
 def shadows(
@@ -105,38 +105,40 @@ def shadows(
         met = [entered(solid, polygon) for solid in cut if solid is not None]
         before = [edges(solid) for solid in met if solid is not None]
         if before:
-            receivers.append(_Receiver(i, polygon, int(part[i]), before))
-            corners, count, _, outline = _size(receivers[-1])
+            size = corners, count, _, outline = _size(polygon, before)
+            receivers.append(_Receiver(i, polygon, before, size))
             tests += _tests(corners, count, outline)
             if tests > most:
                 return None
     by_shape: dict[tuple[int, int, int, int], list[_Receiver]] = {}
     for one in receivers:
-        by_shape.setdefault(_size(one), []).append(one)
-    return tuple(_group(size, members) for size, members in sorted(by_shape.items()))
+        by_shape.setdefault(one.size, []).append(one)
+    return tuple(_group(members) for _, members in sorted(by_shape.items()))
 
 
-def _size(one: _Receiver) -> tuple[int, int, int, int]:
-    """Few sizes of groups: corners, edges of a solid and edges of its outline are filled up to 4,
-    6, 8, 12, 16, 24, …, with the number of solids before those of edges."""
+def _size(polygon: Floats, before: Sequence[Edges]) -> tuple[int, int, int, int]:
+    """Numbers of corners, of solids, of edges of a solid and of edges of an outline.
+
+    So that there are few groups, corners and edges of a solid are filled up to 4, 6, 8, 12, 16, 24,
+    …, and edges of an outline to an even number.
+    """
 
     def rounded(count: int) -> int:
         power = 1 << max(2, (count - 1).bit_length())
         return 3 * power // 4 if power > 4 and count <= 3 * power // 4 else power
 
-    slots = rounded(max(len(e.first) for e in one.before))
-    outline = max(longest_outline(e) for e in one.before)
-    return rounded(len(one.polygon)), len(one.before), slots, min(slots, outline + outline % 2)
+    slots = rounded(max(len(e.first) for e in before))
+    outline = max(longest_outline(e) for e in before)
+    return rounded(len(polygon)), len(before), slots, min(slots, outline + outline % 2)
 
 
-def _group(size: tuple[int, int, int, int], members: list[_Receiver]) -> Group:
-    corners, _, slots, outline = size
-    rows = [_placed(one, corners, slots, outline) for one in members]
-    return Group(*(np.stack(x, axis=-1) for x in zip(*rows, strict=True)))
+def _group(members: Sequence[_Receiver]) -> Group:
+    return Group(*(np.stack(x, axis=-1) for x in zip(*map(_placed, members), strict=True)))
 
 
-def _placed(one: _Receiver, size: int, slots: int, outline: int) -> tuple[Any, ...]:
+def _placed(one: _Receiver) -> tuple[Any, ...]:
     """A polygon and the edges before it in its frame, filled up with edges of no length."""
+    size, _, slots, outline = one.size
     polygon, origin = one.polygon, one.polygon[0]
     vector = vector_area(polygon)
     area = np.linalg.norm(vector)

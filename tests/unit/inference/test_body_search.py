@@ -17,6 +17,7 @@ from lcbayes.inference.body_search.surface import Surface, solved
 from lcbayes.inference.problem_cache import build_problem
 from lcbayes.inference.spin_search.allowed import Allowed
 from lcbayes.inference.spin_search.arcs import Arcs
+from lcbayes.inference.spin_search.drift import Drift
 from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import compiled
@@ -170,7 +171,8 @@ def test_optima_outside_the_known_periods_are_moved_to_them():
         "rate_unit": 0.7,
     } | separate.offsets(np.zeros(2))
     z = np.asarray(phases.rows(problem, separate.exact, [sites])[0])
-    found = list(turns.joined(problem, separate, z, Allowed(((low, high),)), data, 0.01))
+    drift = Drift(float(data.t_middle), float(data.t_span), 0.01)
+    found = list(turns.joined(problem, separate, z, Allowed(((low, high),)), drift))
     assert found
     rates = np.array([one["rate_unit"] * 0.1 for one in found])
     assert np.all((rates >= low - 1e-12) & (rates <= high + 1e-12))
@@ -209,7 +211,8 @@ def test_the_phases_of_passes_give_the_rates_that_join_them(allowed, drift):
     assert np.mean(np.asarray(missed / separate.exact.error) ** 2) == pytest.approx(1.0, abs=0.3)
     rates, drifts, attitudes = [], [], []
     full, _ = build_problem(entry, options | {"clock_sd": 0.0, "rate_drift_sd": 0.01}, data)
-    for one in turns.joined(problem, separate, np.asarray(z), allowed, data, 0.01):
+    possible = Drift(float(data.t_middle), float(data.t_span), 0.01)
+    for one in turns.joined(problem, separate, np.asarray(z), allowed, possible):
         row = phases.rows(full, data, [one])[0]
         found = compiled(full.constrain)(row, data)
         rates.append(float(np.linalg.norm(found["omega"])))
