@@ -423,10 +423,7 @@ MEASURED = {  # with the unit as a factor
         "the rate of rotation changes by {mean:.2g} ± {sd:.1g} %; a pass with late times would "
         "look the same, and so may a motion that is not constant",
     ),
-    "clock_offset": (
-        1.0,
-        "{name} is {mean:.2g} ± {sd:.1g} s; the recorded times are late where it is negative",
-    ),
+    "clock_offset": (1.0, "{name} is {mean:.2g} ± {sd:.1g} s; times are late where it is negative"),
     "zero_point": (
         1.0,
         "{name} is {mean:.2g} ± {sd:.1g} mag; points are fainter where it is positive",

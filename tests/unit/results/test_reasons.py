@@ -180,5 +180,5 @@ def test_small_faults_that_the_data_show_are_named():
     assert head.startswith("small faults")
     assert "changes by 1.9 ± 0.2 %; a pass with late times would look the same" in drift
     # a time that is recorded too late needs a negative offset: see test_nuisances.py
-    assert "clock_offset[1] is -2 ± 0.1 s; the recorded times are late where it is negative" in clock
+    assert "clock_offset[1] is -2 ± 0.1 s; times are late where it is negative" in clock
     assert measured_faults({"rate_drift": {"mean": 0.001, "sd": 0.0017}}) == []
