@@ -70,7 +70,8 @@ def _of_known_body(options: Mapping[str, Any]) -> Iterator[str]:
     file = read_body_text(body_text(str(options["body"])))
     shaded = options.get("shadows", True) and file.body.assembly.shaded
     shade = "shade and hide" if shaded else "do not shade"
-    yield f"The body is {described(file)}. Its parts {shade} one another."
+    parts = f" Its parts {shade} one another." if len(file.body.names) > 1 else ""
+    yield f"The body is {described(file)}.{parts}"
     symmetry, flat = file.body.symmetry, options.get("spin", "flat") == "flat"
     if flat:
         axis = ", ".join(f"{x:.3g}" for x in file.body.flat_axis)

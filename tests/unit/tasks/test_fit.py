@@ -197,6 +197,12 @@ def test_notes_of_a_file_keep_the_names_of_its_columns():
     assert said[-1] == "Noted on reading the file: sun_x .. sun_z are odd."
 
 
+@pytest.mark.parametrize(("body", "several"), [("plate", False), ("box-wing", True)])
+def test_a_body_of_one_part_has_no_parts_that_shade_one_another(body, several):
+    stated = " ".join(assumptions(small_curves.curve(40), registry.find("body"), {"body": body}))
+    assert ("Its parts shade and hide one another." in stated) == several
+
+
 @pytest.mark.parametrize(
     ("model", "options", "said"),
     [
