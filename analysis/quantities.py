@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from lcbayes.analysis.contents import Mode, Results
 from lcbayes.geometry.spherical import lon_lat_deg, unwrapped
 from lcbayes.modelling.likelihood import PASS_SPREADS
-from lcbayes.modelling.variables import is_area, label, reported
+from lcbayes.modelling.variables import is_area, label, named, reported
 
 Floats = NDArray[np.float64]
 
@@ -158,9 +158,8 @@ def quantities(results: Results, mode: Mode) -> Iterator[Quantity]:
         shape = values.shape[2:]
         for index in np.ndindex(*shape):
             one = values[(..., *index)]
-            yield Quantity(
-                label(name, index), words, unit, unwrapped(one, period) if period else one
-            )
+            title = named(label(name, index), mode.draws)
+            yield Quantity(title, words, unit, unwrapped(one, period) if period else one)
 
 
 def table(all_of_them: list[Quantity], mode: Mode) -> list[Row]:
@@ -312,8 +311,7 @@ def key_results(results: Results, mode: Mode) -> list[Quantity]:
     rows = spin(results, mode)
     shown = ("lambert_c", "phase_a", "phase_d", "phase_k", "sigma")
     for q in quantities(results, mode):
-        name, *law = q.name.removesuffix("]").split("[")
+        name, _, law = q.name.removesuffix("]").partition("[")
         if name in shown:
-            laws = mode.draws["phase_law"].to_numpy() if law else ()
-            rows.append(replace(q, words=f"{q.words}, {laws[int(law[0])]}") if law else q)
+            rows.append(replace(q, words=f"{q.words}, {law}") if law else q)
     return rows

@@ -300,24 +300,29 @@ def coordinates(
     omega_sd: float = 0.1,
     period: str = "",
     scale_sd: float = 0.5,
+    clock_sd: float = nuisances.CLOCK_SD,
     **options: object,  # noqa: ARG001
 ) -> Coordinates | None:
     """Coordinates of the sampler: rate and direction of ω, if the body may turn many times; of a
-    flat spin the turn about the bisector, if that hardly moves; logarithms of size and surface.
+    flat spin the turn about the bisector, if that hardly moves; offsets of clocks; logarithms of
+    size and surface.
     """
     file = read_body_text(body)
-    surface = reflectances.coordinates_of(file, scale_sd if data.calibrated else None)
+    others = {
+        **reflectances.coordinates_of(file, scale_sd if data.calibrated else None),
+        **nuisances.clock_coordinates(data, clock_sd),
+    }
     if spin == "free":
         motion = rate_and_direction(spin, omega_sd, period, float(data.t_span)) or {}
-        return {**motion, **surface} or None
+        return {**motion, **others} or None
     both = np.asarray(data.sun) + np.asarray(data.obs)
     size = np.linalg.norm(both, axis=1)
     if size.min() >= MIN_BISECTOR:
         mean = (both / size[:, None]).mean(axis=0)
         nearest = float((both @ mean / size).min() / np.linalg.norm(mean))
         if nearest >= np.cos(np.deg2rad(STILL_DEG)):
-            return {"attitude_base": body_motion.TurnAboutBisector(mean), **surface}
-    return surface or None
+            return {"attitude_base": body_motion.TurnAboutBisector(mean), **others}
+    return others or None
 
 
 def search(problem, data: Epochs, options, workers: int, progress, checkpoint=None):  # noqa: ARG001

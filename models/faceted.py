@@ -7,8 +7,8 @@ import numpyro
 from lcbayes.modelling import likelihood, nuisances, nutation, priors
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.known_spin import KnownSpin
-from lcbayes.modelling.problem import Problem
-from lcbayes.modelling.spin_coordinates import RateAndDirection, rate_and_direction
+from lcbayes.modelling.problem import Coordinates, Problem
+from lcbayes.modelling.spin_coordinates import rate_and_direction
 from lcbayes.physics import brightness
 from lcbayes.samplers.facet_moves import FacetMoves
 
@@ -116,10 +116,14 @@ def coordinates(
     spin: str = "free",
     omega_sd: float = 0.1,
     period: str = "",
+    clock_sd: float = nuisances.CLOCK_SD,
     **options: object,  # noqa: ARG001
-) -> dict[str, RateAndDirection] | None:
-    """Coordinates of the sampler: rate and direction of ω, if the body may turn many times."""
-    return rate_and_direction(spin, omega_sd, period, float(data.t_span))
+) -> Coordinates | None:
+    """Coordinates of the sampler: rate and direction of ω, if the body may turn many times, and
+    differences of clocks."""
+    motion = rate_and_direction(spin, omega_sd, period, float(data.t_span)) or {}
+    clocks = {} if spin == "none" else nuisances.clock_coordinates(data, clock_sd)
+    return {**motion, **clocks} or None
 
 
 def moves(

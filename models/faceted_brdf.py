@@ -7,7 +7,8 @@ import numpyro
 from lcbayes.modelling import likelihood, nuisances, nutation, priors
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.known_spin import KnownSpin
-from lcbayes.modelling.spin_coordinates import RateAndDirection, rate_and_direction
+from lcbayes.modelling.problem import Coordinates
+from lcbayes.modelling.spin_coordinates import rate_and_direction
 from lcbayes.physics import brightness
 from lcbayes.physics.reflectance import SatelliteLaw
 
@@ -129,7 +130,11 @@ def coordinates(
     spin: str = "free",
     omega_sd: float = 0.1,
     period: str = "",
+    clock_sd: float = nuisances.CLOCK_SD,
     **options: object,  # noqa: ARG001
-) -> dict[str, RateAndDirection] | None:
-    """Coordinates of the sampler: rate and direction of ω, if the period is known."""
-    return rate_and_direction(spin, omega_sd, period, float(data.t_span)) if period else None
+) -> Coordinates | None:
+    """Coordinates of the sampler: rate and direction of ω, if the period is known, and differences
+    of clocks."""
+    motion = rate_and_direction(spin, omega_sd, period, float(data.t_span)) if period else None
+    clocks = {} if spin == "none" else nuisances.clock_coordinates(data, clock_sd)
+    return {**(motion or {}), **clocks} or None

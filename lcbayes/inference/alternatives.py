@@ -13,6 +13,7 @@ from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from lcbayes.core.constants import DAY_S, HOUR_S
 from lcbayes.core.jax_setup import jnp
@@ -135,9 +136,13 @@ def alternatives(
         candidates = [one for one in candidates if one.columns.tobytes() not in same]
         candidates += _late_curve(problem, z, data, names["curves"], float(sites["period_h"]))
         candidates += apparitions
-    if {"sun_body", "normals"} <= sites.keys() and not kinds:
-        candidates += [*_lobes(sites), *_further_facet(sites), *_notches(sites)]
-        candidates += _laws(flux, sites)
+    if {"sun_body", "normals_base"} <= sites.keys() and not kinds:
+        base = np.asarray(sites["normals_base"])
+        # in the axes of the directions, which coincide with the inertial ones at another time
+        own = {**sites, "normals": base / np.linalg.norm(base, axis=1, keepdims=True)}
+        at_start = Rotation.align_vectors(np.asarray(sites["normals"]), own["normals"])[0]
+        candidates += [*_lobes(own), *_further_facet(own, at_start), *_notches(own)]
+        candidates += _laws(flux, own)
     candidates = [one for one in candidates if not kinds or one.name in kinds]
     return [_in_units_of_noise(problem, z, data, one) for one in candidates if np.any(one.columns)]
 
@@ -312,13 +317,14 @@ def _laws(flux: Floats, sites: Sites) -> Iterator[Alternative]:
         yield Alternative("law", "", "", np.array(columns), tuple(labels), one_sided=True)
 
 
-def _further_facet(sites: Sites) -> Iterator[Alternative]:
-    """The body has a further diffuse facet, of an albedo-area in m²."""
+def _further_facet(sites: Sites, at_start: Rotation) -> Iterator[Alternative]:
+    """The body has a further diffuse facet, of an albedo-area in m²; ``at_start`` turns its normal
+    to the axes at t = 0."""
     normals = facets.grid(GRID)
     sun, obs = (np.asarray(sites[k]) @ normals.T for k in ("sun_body", "obs_body"))
     columns = np.where((sun > 0) & (obs > 0), sun * obs, 0.0).T / np.pi
     seen = np.any(columns > 0, axis=1)
-    phi, g = facets.angles(jnp.asarray(normals[seen]))
+    phi, g = facets.angles(jnp.asarray(at_start.apply(normals[seen])))
     labels = tuple(
         f"phi {p:.1f}, g {c:.1f}" for p, c in zip(np.asarray(phi), np.asarray(g), strict=True)
     )

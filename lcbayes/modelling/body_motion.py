@@ -1,7 +1,8 @@
 """Motion of a body whose axes mean something: its attitude is unknown beside its spin.
 
 The attitude is that in the middle of the light curve, where the data fix it best, so that it hardly
-depends on the rate. It is recorded at t = 0.
+depends on the rate. The middle is that of the first observer's clock, so that the attitude does not
+depend on an offset that is common to all clocks. It is recorded at t = 0.
 """
 
 from __future__ import annotations
@@ -197,7 +198,7 @@ class Motion(NamedTuple):
     Attributes
     ----------
     attitude : (3, 3)
-        Body to inertial axes in the middle of the light curve.
+        Body to inertial axes in the middle of the light curve, by the clock of the first observer.
     omega : (3,) rad/s
         Inertial axes.
     offsets : (n_observers + 1,) s or None
@@ -240,7 +241,9 @@ class Motion(NamedTuple):
 
         def since_middle(t: jax.Array) -> jax.Array:
             elapsed = t - data.t_middle
-            return elapsed if drift is None else elapsed + drift * elapsed**2 / (2.0 * data.t_span)
+            if drift is not None:
+                elapsed = elapsed + drift * elapsed**2 / (2.0 * data.t_span)
+            return elapsed if offsets is None else elapsed - offsets[0]
 
         def to_body(t: jax.Array) -> tuple[jax.Array, jax.Array]:
             elapsed = since_middle(t if late is None else t + late)
@@ -257,7 +260,8 @@ class Motion(NamedTuple):
         """Coordinates about the attitude ``middle``, without redundant ones.
 
         Half the antisymmetric part of the rotation from there, body axes; the rate of a flat spin
-        or ω; offsets of the observers' clocks; drift. A turn about an axis of symmetry is left out.
+        or ω; drift; offset of the first clock, and of the others from that. A turn about an axis of
+        symmetry is left out.
         """
         r = middle.T @ self.attitude
         turn = 0.5 * jnp.stack([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
@@ -268,5 +272,5 @@ class Motion(NamedTuple):
             spin = spin @ (self.attitude @ jnp.asarray(flat_axis))
         parts = [turn, spin, self.drift]
         if self.offsets is not None:
-            parts.append(self.offsets[:-1])
+            parts.append(self.offsets[:-1].at[1:].add(-self.offsets[0]))
         return jnp.concatenate([jnp.atleast_1d(x) for x in parts if x is not None])

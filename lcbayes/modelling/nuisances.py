@@ -17,6 +17,8 @@ import numpy as np
 import numpyro
 import numpyro.distributions as dist
 from numpy.typing import NDArray
+from numpyro.distributions import constraints
+from numpyro.distributions.transforms import Transform
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
@@ -25,6 +27,7 @@ from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.known_spin import KnownSpin
 from lcbayes.modelling.priors import Spin
 from lcbayes.physics import photometry
+from lcbayes.physics.attitude import rotations
 
 ZERO_POINT_SD = 0.03  # mag; between sites and nights of well-calibrated photometry
 ZERO_POINT_SPREAD = 0.7  # sd of its logarithm: 0.01 to 0.1 mag in 90 %
@@ -196,7 +199,7 @@ def clock_offsets(data: Epochs, sd: float = CLOCK_SD) -> jax.Array | None:
     the others; a clock that is ahead has a negative offset. A common offset is included: it changes
     the orientation of the body at t = 0.
     """
-    if not _on("clock_sd", sd) or data.n_observers < 2:
+    if not clock_coordinates(data, sd):
         return None
     normal = dist.Normal(0.0, 1.0).expand([data.n_observers + 1]).to_event(1)
     unit = jnp.asarray(numpyro.sample("clock_offset_unit", normal))
@@ -220,6 +223,44 @@ def heavy_tailed(unit: Any) -> Any:
 def normal_of(heavy: Any) -> Any:
     """The inverse of `heavy_tailed`."""
     return jnp.arcsinh(CLOCK_TAIL * heavy) / CLOCK_TAIL
+
+
+class ClockDifferences(Transform):
+    """(u₀, h₁ − h₀ …, u_K) ↔ (u₀, u₁ …, u_K), h the `heavy_tailed` value of u.
+
+    The data fix how much the clocks of observers differ, and an offset common to all hardly. The
+    last number, of any other observer, has no data.
+    """
+
+    domain = constraints.real_vector  # pyright: ignore[reportAssignmentType]
+    codomain = constraints.real_vector  # pyright: ignore[reportAssignmentType]
+
+    def __call__(self, x: jax.Array) -> jax.Array:
+        return x.at[1:-1].set(normal_of(x[1:-1] + heavy_tailed(x[0])))
+
+    def _inverse(self, y: jax.Array) -> jax.Array:
+        heavy = heavy_tailed(y[:-1])
+        return y.at[1:-1].set(heavy[1:] - heavy[0])
+
+    def log_abs_det_jacobian(self, x: jax.Array, y: jax.Array, intermediates=None) -> jax.Array:  # noqa: ARG002
+        """Σ ln du/dh = −½ Σ ln (1 + b² h²), but for the first and the last."""
+        heavy = heavy_tailed(y[1:-1])
+        return -0.5 * jnp.sum(jnp.log1p((CLOCK_TAIL * heavy) ** 2))
+
+    def tree_flatten(self):
+        return (), ((), {})
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, ClockDifferences)
+
+    def __hash__(self) -> int:
+        return hash(ClockDifferences)
+
+
+def clock_coordinates(data: Epochs, sd: float) -> dict[str, ClockDifferences]:
+    """Coordinates of the sampler for `clock_offsets`, if they are modelled."""
+    modelled = _on("clock_sd", sd) and data.n_observers > 1
+    return {"clock_offset_unit": ClockDifferences()} if modelled else {}
 
 
 def rate_drift(data: Epochs, rate: jax.Array, sd: float = RATE_DRIFT_SD) -> jax.Array | None:
@@ -349,7 +390,8 @@ def rotation(
     That of a torque-free body is ω in the middle of the light curve, where its axes coincide with
     the inertial axes: the data fix the attitude best there, and the posterior is rounder than that
     of the state at t = 0. The latter is recorded: ω (3,) and the inertia tensor (3, 3), both in
-    inertial axes.
+    inertial axes. Likewise, axes coincide at a time of the first observer's clock, so that an
+    offset of all clocks, which the data hardly fix, leaves them alone.
 
     Returns
     -------
@@ -364,14 +406,20 @@ def rotation(
     if spin == "none":
         return Rotating(data, body)
     rate = jnp.sqrt(jnp.sum(body.omega**2) + 1e-30)
-    late, drift = clock(data, clock_sd), rate_drift(data, rate, rate_drift_sd)
-    if spin == "free":
-        return Rotating(data, body, late, drift)
-    rotating = Rotating(data, body, late, drift, data.t_middle)
-    state = body.state(rotating.elapsed(jnp.zeros(())))
-    numpyro.deterministic("omega", state.omega)
-    numpyro.deterministic("inertia", state.inertia)
-    return replace(rotating, start=state.attitude)
+    offset, drift = clock_offsets(data, clock_sd), rate_drift(data, rate, rate_drift_sd)
+    late = None if offset is None else offset[data.observer]
+    first = 0.0 if offset is None else offset[0]
+    if spin == "torque-free":
+        rotating = Rotating(data, body, late, drift, data.t_middle + first)
+        state = body.state(rotating.elapsed(jnp.zeros(())))
+        numpyro.deterministic("omega", state.omega)
+        numpyro.deterministic("inertia", state.inertia)
+        return replace(rotating, start=state.attitude)
+    rotating = Rotating(data, body, late, drift, first)
+    if offset is None:
+        return rotating
+    since = rotating.elapsed(jnp.zeros(1))
+    return replace(rotating, start=rotations.constant_rate(since, body.omega)[0])
 
 
 def moved(data: Epochs, late: jax.Array | None) -> Epochs:

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
+import numpy as np
+import xarray as xr
+
+GROUPS = ("observer", "calibration", "curve", "phase_law")  # axes with names as coordinates
 CARRIERS = frozenset(
     {
         "normals",
@@ -69,6 +73,14 @@ def label(name: str, index: tuple[int, ...]) -> str:
     if name == "omega":
         return f"omega_{'xyz'[index[0]]}_rad_s"
     return f"{name}[{','.join(map(str, index))}]"
+
+
+def named(element: str, draws: xr.Dataset) -> str:
+    """The label of an element with the name of its group, if it has one: ``clock_offset[B]``."""
+    name, bracket, index = element.rstrip("]").partition("[")
+    axes = [d for d in draws[name].dims if d in GROUPS] if bracket and name in draws else []
+    names = draws[axes[0]].to_numpy() if axes else np.zeros(0, int)
+    return element if names.dtype.kind in "iu" else f"{name}[{names[int(index)]}]"
 
 
 UNITS = {

@@ -22,6 +22,7 @@ from lcbayes.core.files import write_atomic
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.version import installed_version
 from lcbayes.data.lightcurve import LightCurve
+from lcbayes.inference.alternatives import names_of
 from lcbayes.inference.fit import Mode, Posterior
 from lcbayes.inference.loo import loo, without_tail
 from lcbayes.inference.prior_mass import prior_sample
@@ -32,7 +33,7 @@ from lcbayes.modelling.nuisances import INTEGRATED_OUT, drawn
 from lcbayes.modelling.nutation import AMOUNTS
 from lcbayes.modelling.problem import Problem, Sites
 from lcbayes.modelling.registry import Entry
-from lcbayes.modelling.variables import unit
+from lcbayes.modelling.variables import GROUPS, unit
 from lcbayes.results.draws import DARK, DARK_TIME, LOG_LIKELIHOOD, weighted_rows
 from lcbayes.results.light_curve import light_curve_attributes, light_curve_variables
 from lcbayes.samplers.chains import INVERSE_MASS
@@ -165,7 +166,7 @@ def tree(
     sites, *each = zip(
         *(_recorded(problem, m.z, data, k) for m, k in zip(modes, keys, strict=True)), strict=True
     )
-    apart = [_with_phase_laws(dataset(drawn(one, rng)), curve, data) for one in sites]
+    apart = [_with_names(dataset(drawn(one, rng)), curve, data) for one in sites]
     pointwise, replicated = (np.concatenate([x[:, :length] for x in of]) for of in each)
     chains = _chains(modes)
     whole = _stacked(apart, length).assign_coords(chains)
@@ -176,7 +177,7 @@ def tree(
     predicted = points.assign({OBSERVED: (time, replicated)})
     if (probability := _outliers(problem, z, data, rows)) is not None:
         predicted[OUTLIER] = (("time",), probability)
-    groups: dict[str, xr.Dataset] = {
+    nodes: dict[str, xr.Dataset] = {
         "posterior": whole,
         "sample_stats": _stacked([_stats(m) for m in modes], length).assign_coords(chains),
         "log_prior": points.drop_vars("time").assign(_log_prior(problem, z, data)),
@@ -187,23 +188,25 @@ def tree(
         "constant_data": _constants(curve, data, entry, options).assign_coords(point),
     }
     for name in ("posterior", "sample_stats"):
-        groups[name].attrs = _sampling(posterior, modes)
+        nodes[name].attrs = _sampling(posterior, modes)
     for i, mode in enumerate(modes):
-        groups[f"modes/{i}/posterior"] = apart[i].assign_attrs(_sampling(posterior, [mode]))
+        nodes[f"modes/{i}/posterior"] = apart[i].assign_attrs(_sampling(posterior, [mode]))
         stats = _stats(mode).assign(_mass(problem, mode))
-        groups[f"modes/{i}/sample_stats"] = stats.assign_attrs(_sampling(posterior, [mode]))
+        nodes[f"modes/{i}/sample_stats"] = stats.assign_attrs(_sampling(posterior, [mode]))
         if (curves := _curves(problem, mode, data)) is not None:
-            groups[f"modes/{i}/curves"] = curves
-    _add_units(groups, curve)
-    return xr.DataTree.from_dict(groups | {"/": xr.Dataset(attrs=light_curve_attributes(curve))})
+            nodes[f"modes/{i}/curves"] = curves
+    _add_units(nodes, curve)
+    return xr.DataTree.from_dict(nodes | {"/": xr.Dataset(attrs=light_curve_attributes(curve))})
 
 
-def _with_phase_laws(draws: xr.Dataset, curve: LightCurve, data: Epochs) -> xr.Dataset:
-    """The draws with the curves that each of several phase laws belongs to as a coordinate."""
-    if "phase_law" not in draws.dims:
-        return draws
+def _with_names(draws: xr.Dataset, curve: LightCurve, data: Epochs) -> xr.Dataset:
+    """The draws with the names of the axes `GROUPS` as coordinates."""
+    names, titles = names_of(curve), curve.curve_titles
     laws = ["calibrated curves"] if data.calibrated else []
-    return draws.assign_coords(phase_law=laws + [curve.curve_titles[k] for k in data.phased])
+    laws += [titles[k] for k in data.phased]
+    every = (names["observers"], names["calibrations"], titles, laws)
+    given = zip(GROUPS, map(list, every), strict=True)
+    return draws.assign_coords({k: v for k, v in given if k in draws.dims})
 
 
 def _add_units(groups: Mapping[str, xr.Dataset], curve: LightCurve) -> None:

@@ -488,9 +488,10 @@ def measured_faults(parameters: Mapping[str, Any]) -> list[str]:
 
 
 def rests_on(moved: Mapping[str, Mapping[str, float]]) -> list[str]:
-    """Lines on how far the quantity that moves most would move under each fault."""
+    """Lines on how far the printed quantity that moves most would move under each fault."""
     parts: list[str] = []
-    for fault, shifts in moved.items():
+    for fault, every in moved.items():
+        shifts = {k: x for k, x in every.items() if not k.startswith(("attitude[", "log_"))}
         name = max(shifts, key=lambda k: shifts[k], default=None)
         if name is None or fault not in FAULTS or shifts[name] < LEAST_SHIFT:
             continue

@@ -24,7 +24,7 @@ from lcbayes.core.errors import InputError
 from lcbayes.core.files import write_atomic
 from lcbayes.core.toml import to_toml
 
-SCHEMA = 3
+SCHEMA = 4
 RECORD, SUMMARY, LOCK, CHECKPOINT = "run.toml", "summary.json", ".lock", "checkpoint"
 STAGING = ".new-"  # prefix of staging folders
 # Files that tasks write. All those of an earlier result of the same task are removed.

@@ -31,7 +31,7 @@ from lcbayes.modelling.constrained import reported_draws
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import FLUX, OBSERVED, OUTLIER
 from lcbayes.modelling.problem import Sites, compiled
-from lcbayes.modelling.variables import SPIN, label
+from lcbayes.modelling.variables import SPIN, label, named
 from lcbayes.results.content import (
     FitNumbers,
     FitQuality,
@@ -109,6 +109,10 @@ def summarise(
     ]
     at_optimum = _at_optimum(posterior, curve, seed, shadows_of)
     moved = _shifts(posterior, at_optimum, curve, modes[0]["parameters"])
+    draws = tree["posterior"].to_dataset()
+    for mode in modes:
+        mode["parameters"] = {named(k, draws): row for k, row in mode["parameters"].items()}
+    quantities = [named(name, draws) for name in moved.quantities]
     misfit = at_optimum.misfit
     findings = [*_findings(posterior, modes, misfit), *_ignored(at_optimum, moved)]
     if identity["settings"]["sampler"] == PUBLISHED:
@@ -128,7 +132,7 @@ def summarise(
         "modes": modes,
         "fit": _fit(posterior, tree, curve, misfit),
         "rests_on": {
-            fault: dict(zip(moved.quantities, map(float, shift), strict=True))
+            fault: dict(zip(quantities, map(float, shift), strict=True))
             for fault, shift in moved.by_fault.items()
         },
         **_outliers(tree, curve),

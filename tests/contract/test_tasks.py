@@ -178,7 +178,7 @@ def files_of(folder: Path) -> dict[str, str]:
 
 def finished_fit(folder: Path) -> None:
     (folder / "figures").mkdir(parents=True)
-    (folder / "run.toml").write_text('schema = 3\ntask = "fit"\n')
+    (folder / "run.toml").write_text('schema = 4\ntask = "fit"\n')
     for name in ("posterior.nc", "summary.json", "report.html", "figures/fit.svg", "shape.obj"):
         (folder / name).write_text(name)
 

@@ -63,7 +63,7 @@ TLE = (
     "2 25544  51.6416 247.4627 0006703 130.5360 325.0288 15.72125391563537\n"
 )
 RUN = (
-    'schema = 3\ntask = "fit"\ncurve = "x.csv"\nversion = "0.1.0"\n\n'
+    'schema = 4\ntask = "fit"\ncurve = "x.csv"\nversion = "0.1.0"\n\n'
     '[options]\nmodel = "faceted"\nseed = 1\nn_facets = 2\nspin = "none"\nlaw = ["a", "b"]\n\n'
     '[reading]\nsite = "1,2,3"\n\n[input.curve]\npath = "x.csv"\nsha256 = "00"\n'
 )

@@ -132,6 +132,6 @@ def folder(path: Path, tree: xr.DataTree) -> Path:
     """A results folder with this posterior, trusted."""
     path.mkdir()
     tree.to_netcdf(path / "posterior.nc", engine="h5netcdf")
-    summary = {"schema": 3, "task": "fit", "trusted": True, "reasons": []}
+    summary = {"schema": 4, "task": "fit", "trusted": True, "reasons": []}
     (path / "summary.json").write_text(json.dumps(summary))
     return path

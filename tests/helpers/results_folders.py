@@ -11,7 +11,7 @@ import xarray as xr
 
 CHAINS, DRAWS = 4, 250
 RUN_TOML = (
-    'schema = 3\ntask = "fit"\nversion = "0"\ncurve = "pass.csv"\n\n'
+    'schema = 4\ntask = "fit"\nversion = "0"\ncurve = "pass.csv"\n\n'
     '[options]\nmodel = "faceted"\nseed = 1\n'
 )
 
@@ -153,7 +153,7 @@ def _write(
         "n_facets": attrs["n_facets"],
         "n_obs": observed.size,
         "seed": attrs["seed"],
-        "schema": 3,
+        "schema": 4,
         "task": "fit",
         "trusted": True,
         "reasons": [],

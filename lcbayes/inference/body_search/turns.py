@@ -65,13 +65,13 @@ def joined(
     late = separate.late(sites.pop("clock_offset_unit", np.zeros(1)))
     omega, middle = known["omega"], separate.middle
     rate = float(np.linalg.norm(omega))
-    phase = rate * late[: len(middle)]
+    phase = rate * (late - late[0])[: len(middle)]
     since = middle - drift.middle
     (bend,) = drift.bend(np.array([rate]), since)
     for new, unit in _rates(problem, separate, z, allowed, phase, rate, bend):
-        apart = phase - phase[0] - new * (since - since[0]) - unit * (bend - bend[0])
+        apart = phase - new * (since - since[0]) - unit * (bend - bend[0])
         apart = (apart + 0.5 * np.pi) % np.pi - 0.5 * np.pi
-        at_middle = phase[0] - new * since[0] - unit * bend[0] + apart.mean()
+        at_middle = -new * since[0] - unit * bend[0] + apart.mean()
         moved = turned(sites, Rotation.from_rotvec(at_middle * omega / rate))
         for name in {"rate_unit", "omega_unit"} & moved.keys():
             moved[name] = moved[name] * new / rate

@@ -30,7 +30,8 @@ def coordinates_of(
 ) -> dict[str | tuple[str, ...], ReflectanceCoordinates]:
     """Joint coordinates of reflectances, and of the size if the data fix their products with it.
 
-    The prior sd of ln size is None for data without calibration.
+    The prior sd of ln size is None for data without calibration. A single reflectance needs none:
+    its product with the size is a site of the model.
     """
     nothing = {name: dict.fromkeys(file.priors[name], 0.0) for name in file.body.materials}
     constant = float(sum(albedo_areas(file, nothing).values()))
@@ -45,9 +46,11 @@ def coordinates_of(
                 ends = (prior.first, prior.second) if uniform else (0.0, np.inf)
                 site = f"{name}_{key}" if uniform else f"log_{name}_{key}"
                 made[site] = Reflectance(*ends, area / unit, above)
-    if scale_sd is None and len(made) > 1:
+    if len(made) < 2:
+        return {}
+    if scale_sd is None:
         return {tuple(made): ReflectanceCoordinates([*made.values()], None)}
-    if scale_sd and made:
+    if scale_sd:
         return {("log_brightness", *made): ReflectanceCoordinates([*made.values()], constant)}
     return {}
 

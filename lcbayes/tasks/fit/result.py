@@ -178,12 +178,14 @@ class Fit(Result[FitContent]):
         entries = Counter(name.partition("[")[0] for name in rows)
         # areas on a grid and offsets of many satellites are too many to list
         short = [name for name in rows if entries[name.partition("[")[0]] <= LISTED][:LISTED]
+        width = max([22, *map(len, short)])
         for name in short:
             row = rows[name]
             mean, sd, low, high = (
                 show(value, row["sd"]) for value in (row["mean"], row["sd"], row["q05"], row["q95"])
             )
-            yield f"  {name:22s} {f'{mean:>10s} ± {sd} {self._unit(name)}':32s} {low} to {high}"
+            shown = f"{mean:>10s} ± {sd} {self._unit(name)}"
+            yield f"  {name:{width}s} {shown:32s} {low} to {high}"
         if len(rows) > len(short):
             yield f"  … and {len(rows) - len(short)} more in summary.json"
 

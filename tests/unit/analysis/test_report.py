@@ -217,7 +217,7 @@ def test_folder_without_solutions_apart(faceted, tmp_path):
         groups = {k: v for k, v in groups.items() if k not in ("log_likelihood", "prior")}
         groups["."].attrs = dict(tree.attrs)
     xr.DataTree.from_dict(groups).to_netcdf(tmp_path / "posterior.nc", engine="h5netcdf")
-    verdict = {"schema": 3, "task": "fit", "trusted": True, "reasons": []}
+    verdict = {"schema": 4, "task": "fit", "trusted": True, "reasons": []}
     (tmp_path / "summary.json").write_text(json.dumps(verdict))
     shutil.copy(faceted / "run.toml", tmp_path)
     lcbayes.report(tmp_path)

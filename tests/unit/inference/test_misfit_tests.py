@@ -314,6 +314,19 @@ def test_columns_are_the_changes_of_another_simulator(fault, name, amount):
     return None
 
 
+@pytest.mark.parametrize("spin", ["free", "torque-free"])
+def test_the_law_of_the_model_is_no_alternative(spin):
+    """The facets are where the model has them, also if its axes are inertial at another time."""
+    light = small_faults.light_curve(BODY, n=120)
+    data = Epochs.of(light)
+    entry = registry.find("faceted")
+    problem = Problem(entry.bind({"n_facets": 2, "spin": spin, "clock_sd": 3.0}), data)
+    z = np.asarray(problem.prior_draw(jax.random.key(3), data))
+    (law,) = [a for a in alternatives(problem, z, data, names_of(light)) if a.name == "law"]
+    assert len(law.labels) == 2
+    assert not any("Ashikhmin" in one for one in law.labels)
+
+
 def _clock_column(problem, z, data, light):
     """The flux of the simulator at times and directions that differ by a second either way."""
     result = next(

@@ -18,6 +18,7 @@ from lcbayes.inference.problem_cache import build_problem
 from lcbayes.modelling import registry
 from lcbayes.modelling.body_motion import UniformRotation, brought, matrix, product
 from lcbayes.modelling.epochs import Epochs
+from lcbayes.modelling.nuisances import normal_of
 from lcbayes.modelling.problem import Problem, compiled
 from lcbayes.models import body
 from lcbayes.physics.brightness import flux_brdf
@@ -126,6 +127,24 @@ def test_density_is_that_of_an_independent_simulator(body, spin):
     )
     if spin == "flat":
         np.testing.assert_allclose(result["attitude"], ATTITUDE, atol=1e-12)
+
+
+def test_each_observer_sees_the_body_at_the_true_times_of_its_clock():
+    omega, late = -0.06 * ATTITUDE @ read_body_text(BOX).body.flat_axis, np.array([0.4, -1.9])
+    observer = np.arange(T.size) % 2
+    sun, obs = turning.in_body(T + late[observer], ATTITUDE, omega, SUN, OBS)
+    flux = SIZE * turning.box(sun, obs, SIDES, ALBEDO)
+    light = replace(curve(flux), site=np.array(["A", "B"])[observer])
+    problem, data, _ = problem_of(light, body=BOX, clock_sd=0.3, zero_point_sd=0.0)
+    still = replace(data, sun_rate=0.0 * data.sun, obs_rate=0.0 * data.obs)
+    sites = sites_of(omega, BOX, "flat")
+    ahead = Rotation.from_rotvec(late[0] * omega).as_quat(scalar_first=True)
+    sites["attitude_base"] = np.asarray(product(ahead, sites["attitude_base"]))
+    sites["clock_offset_unit"] = np.asarray(normal_of(np.array([*late, 0.0]) / 0.3))
+    free = problem.ravel({k: jnp.asarray(v) for k, v in sites.items()})
+    result = compiled(problem.constrain)(free, still)
+    np.testing.assert_allclose(result["expected"], flux, atol=1e-11 * flux.max())
+    np.testing.assert_allclose(result["attitude"], ATTITUDE, atol=1e-12)
 
 
 def test_sizes_may_be_unknown():
@@ -254,7 +273,8 @@ def test_turned_coordinates_keep_equivalent_attitudes():
 def test_moving_bisector_keeps_the_quaternion():
     entry = registry.find("body")
     data = Epochs.of(curve(1.0 + 0.3 * np.sin(0.1 * T)))
-    own = body.coordinates(data, **entry.check({"body": BOX}))
+    two = CYLINDER.replace("r_diff = 0.3", "r_diff = { low = 0.1, high = 0.9 }")
+    own = body.coordinates(data, **entry.check({"body": two}))
     assert own is not None
     assert "attitude_base" not in own
 

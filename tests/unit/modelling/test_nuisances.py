@@ -178,17 +178,20 @@ def test_brightness_with_a_fault_is_that_of_another_simulator(fault, site):
     assert effect > 0.005 * light.brightness.max()
 
 
-def test_a_tumbling_body_with_a_drift_moves_on_from_the_state_that_is_recorded(light):
+@pytest.mark.parametrize("spin", ["free", "torque-free"])
+@pytest.mark.parametrize("clock_sd", [0.0, 2.0])
+def test_a_body_with_a_drift_moves_on_from_the_state_that_is_recorded(light, spin, clock_sd):
     """Cosines at all times, from the recorded ω, inertia and normals at t = 0 by integration."""
-    problem, data = problem_of(light, spin="torque-free", omega_sd=0.05, clock_sd=0.0)
+    problem, data = problem_of(light, spin=spin, omega_sd=0.05, clock_sd=clock_sd)
     z = problem.prior_draw(jax.random.key(3), data)
     z = z.at[problem.rows(["rate_drift_unit"])].set(2.0)
     sites = {k: np.asarray(v) for k, v in compiled(problem.constrain)(z, data).items()}
     t, middle, span = np.asarray(data.t), float(data.t_middle), float(data.t_span)
     drift = float(sites["rate_drift"])
     assert drift * span * np.linalg.norm(sites["omega"]) / 8.0 > 0.02  # rad, in the middle
-    moved = t + drift * ((t - middle) ** 2 - middle**2) / (2.0 * span)
-    tensor = sites["inertia"]
+    late = sites.get("clock_offset", np.zeros(2))[np.asarray(data.observer)]
+    moved = t + late + drift * ((t + late - middle) ** 2 - middle**2) / (2.0 * span)
+    tensor = sites.get("inertia", np.eye(3))
 
     def rates(_, state):
         turn = state[:9].reshape(3, 3)
@@ -196,10 +199,15 @@ def test_a_tumbling_body_with_a_drift_moves_on_from_the_state_that_is_recorded(l
         return np.cross(omega, turn, axisb=0, axisc=0).ravel()
 
     start = np.eye(3).ravel()
-    path = solve_ivp(rates, (0.0, moved.max()), start, "DOP853", moved, rtol=1e-11, atol=1e-12)
-    turns = path.y.T.reshape(-1, 3, 3)
+    both = [
+        solve_ivp(rates, (0.0, end), start, "DOP853", dense_output=True, rtol=1e-11, atol=1e-12)
+        for end in (moved.min(), moved.max())
+    ]
+    path = [both[int(x > 0.0)].sol(x) for x in moved]
+    turns = np.array(path).reshape(-1, 3, 3)
     base = sites["normals_base"] / np.linalg.norm(sites["normals_base"], axis=1, keepdims=True)
-    for name, direction in (("sun_body", data.sun), ("obs_body", data.obs)):
+    obs = data.obs + late[:, None] * data.obs_rate
+    for name, direction in (("sun_body", data.sun), ("obs_body", obs)):
         cosines = np.einsum("ti,tij,nj->tn", direction, turns, sites["normals"])
         np.testing.assert_allclose(sites[name] @ base.T, cosines, atol=1e-8)
 
@@ -218,6 +226,26 @@ def test_clocks_are_late_by_much_more_often_than_normal_numbers():
     density = norm.logpdf(units) - np.log(np.cosh(0.7 * np.array(units)) * 0.3)  # of the offset
     np.testing.assert_allclose(density, su.logpdf(late), rtol=1e-10)
     assert 2.0 * su.sf(4.0 * 0.3) > 0.01 > 100.0 * 2.0 * norm.sf(4.0)
+
+
+def test_an_offset_of_all_clocks_is_one_coordinate():
+    light = small_faults.light_curve(BODY, n=32)
+    plain, data = problem_of(light, **(ALONE | {"clock_sd": 0.3}))
+    turned = Problem(plain.model, data, nuisances.clock_coordinates(data, 0.3))
+    rows = turned.rows(["clock_offset_unit"])
+    at = []
+    for common in (-0.5, 0.0, 0.7):
+        unit = nuisances.normal_of((np.array([0.1, -1.9, 0.0]) + common) / 0.3)
+        sites = plain.constrain(at_truth(plain, clock_offset_unit=unit), data)
+        at.append(np.asarray(turned.ravel(sites)))
+    np.testing.assert_allclose(np.diff(np.array(at)[:, rows[1]]), 0.0, atol=1e-12)
+    assert at[0][rows[1]] == pytest.approx(-2.0 / 0.3)
+    y = jnp.asarray(at[2])
+    z = plain.ravel(turned.constrain(y, data))
+    jacobian = jax.jacfwd(lambda y: plain.ravel(turned.constrain(y, data)))(y)
+    change = float(turned.potential(y, data)) - float(plain.potential(z, data))
+    assert change == pytest.approx(-np.linalg.slogdet(jacobian)[1], abs=1e-8)
+    assert nuisances.clock_coordinates(data, 0.0) == {}
 
 
 def test_there_is_no_fault_where_the_data_cannot_contain_it():

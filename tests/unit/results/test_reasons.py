@@ -22,6 +22,7 @@ from lcbayes.results.reasons import (
     name_of_test,
     reason,
     reasons,
+    rests_on,
     why,
 )
 
@@ -182,3 +183,9 @@ def test_small_faults_that_the_data_show_are_named():
     # a time that is recorded too late needs a negative offset: see test_nuisances.py
     assert "clock_offset[1] is -2 ± 0.1 s; times are late where it is negative" in clock
     assert measured_faults({"rate_drift": {"mean": 0.001, "sd": 0.0017}}) == []
+
+
+def test_a_result_rests_on_quantities_that_are_printed():
+    moved = {"clock_0.1_s": {"attitude[2,1]": 3.0, "log_brightness": 2.0, "size": 0.5, "nu": 0.1}}
+    assert rests_on(moved)[1:] == ["  a clock error of 0.1 s would move size by 0.5 sd"]
+    assert rests_on({"clock_0.1_s": {"attitude[2,1]": 3.0}}) == []

@@ -34,7 +34,7 @@ from tests.helpers import small_curves
 
 FITTING = ["--n-facets", "1", "--num-starts", "16", "--num-warmup", "10", "--num-samples", "10"]
 SOLUTION = dict.fromkeys(SPIN, 1.0) | {"near_equal": True}
-HEAD = 'schema = 3\ntask = "scan"\n'
+HEAD = 'schema = 4\ntask = "scan"\n'
 INPUT = HEAD + '[input.curve]\npath = "a.csv"\nsha256 = "0"\n'
 
 

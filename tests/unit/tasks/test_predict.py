@@ -217,7 +217,7 @@ def test_a_folder_without_a_fit(tmp_path):
         ("posterior.nc", lambda was: was[: len(was) // 2], "cannot be read"),
         ("run.toml", lambda _: b'curve = "a.csv"\nmodel = "faceted"\n', "of another version"),
         ("run.toml", lambda was: was.replace(b"model", b"mode"), "names no model"),
-        ("run.toml", lambda _: b"schema = 3\noptions = 3\n", "options is 3; expected a table"),
+        ("run.toml", lambda _: b"schema = 4\noptions = 3\n", "options is 3; expected a table"),
         ("run.toml", lambda was: was + b"[reading]\nerror = 'x'\n", "--error is 'x'"),
         (
             "summary.json",
