@@ -14,6 +14,8 @@ from lcbayes.core.jax_setup import jax, jnp
 LEAST = 1e-6  # of the upper end of a prior's range, in place of a lower end at zero
 EDGE = 1e-9  # share of a range, that a value keeps from its ends
 SOFT = 0.1  # share of a range over which a coordinate bends at each end
+STEPS = 12  # of Newton's method, which is then exact to rounding
+LEAST_ROOM = 1e-12  # below the upper end of a range, in units of its bend
 
 
 class Reflectance(NamedTuple):
@@ -67,6 +69,10 @@ class _Range(NamedTuple):
         slope = jax.nn.log_sigmoid(p) + jax.nn.log_sigmoid(-q) + constant
         return jnp.clip(y, self.a, self.b), slope
 
+    def excess(self, v: jax.Array) -> jax.Array:
+        """s softplus((v − b)/s), by which v lies beyond the upper end."""
+        return self.soft * jax.nn.softplus((v - self.b) / self.soft)
+
     def free(self, y: jax.Array) -> jax.Array:
         """v of y."""
         whole = 1.0 / SOFT
@@ -79,11 +85,16 @@ class ReflectanceCoordinates(Transform):
 
     The light curve of a body of κ times its size fixes the products κ ρ_j of the surfaces that are
     seen, and κ only within the ranges of the reflectances: a ridge along which each ρ_j falls as
-    1/κ. With x₀ = ln κ and x_j = ln ρ_j, but near the ends of the range of ρ_j, it is a straight
-    line, and the reflectance of a surface that is not seen is independent of the others. The same
-    holds for a diffuse reflectance below a specular one r, with x_j = ln ρ_j (1 − r).
-    A = A₀ + Σ area_j ρ_j is the total albedo-area. For a relative light curve x₀ and ln κ A are
-    left out.
+    1/κ. In ln κ and v_j, where v_j is ln ρ_j but near the ends of the range of ρ_j, it is a
+    straight line, and the reflectance of a surface that is not seen is independent of the others.
+    The same holds for a diffuse reflectance below a specular one r, where v_j is ln ρ_j (1 − r).
+
+    The line would turn a corner where a bright surface reaches the upper end of its range: its v
+    grows on, by an excess U, and κ and the other reflectances do not change. With the sum S of all
+    U_j, x₀ = ln κ − S and x_j = v_j + S − U_j, it goes straight on, since x₀ + x_j = ln κ ρ_j. To
+    compute S from x takes a root of one variable. The U of diffuse surfaces in layers, and of those
+    above, are left out. A = A₀ + Σ area_j ρ_j is the total albedo-area. For a relative light curve
+    x₀ and ln κ A are left out.
 
     Parameters
     ----------
@@ -97,6 +108,11 @@ class ReflectanceCoordinates(Transform):
 
     def __init__(self, reflectances: Sequence[Reflectance], constant: float | None) -> None:
         self.reflectances, self.constant = tuple(reflectances), constant
+        layers = {one.above for one in self.reflectances}
+        self._ranges = tuple(
+            _Range(*one.ends) if one.bounded and one.above is None and j not in layers else None
+            for j, one in enumerate(self.reflectances)
+        )
 
     def __call__(self, x: jax.Array) -> jax.Array:
         return self._values(x)[0]
@@ -107,7 +123,8 @@ class ReflectanceCoordinates(Transform):
     def _values(self, x: jax.Array) -> tuple[jax.Array, jax.Array]:
         """The sites, and ln |∂ sites/∂x|."""
         free = x if self.constant is None else x[1:]
-        log_rho, sites, log_det = [], [], jnp.zeros(())
+        free, excess, log_det = self._without_excess(free)
+        log_rho, sites = [], []
         for u, one in zip(free, self.reflectances, strict=True):
             value = u - _log_transmitted(one, log_rho)
             if one.bounded:
@@ -116,17 +133,53 @@ class ReflectanceCoordinates(Transform):
             log_rho.append(value)
             sites.append(jnp.exp(value) if one.bounded else value)
         if self.constant is not None:
-            sites.insert(0, x[0] + self._log_area(log_rho))
+            sites.insert(0, x[0] + excess + self._log_area(log_rho))
         return jnp.stack(sites), log_det
+
+    def _without_excess(self, x: jax.Array) -> tuple[list[jax.Array], jax.Array, jax.Array]:
+        """v_j, S and ln |∂v/∂x| of x_1 … x_J.
+
+        With room w_j = (b_j − x_j + S)/s_j > 0, U_j = −s_j ln (1 − exp(−w_j)), so that S is the
+        root of S − Σ U_j, which rises and is concave. Newton's method from below never passes it.
+        """
+        ranges = [(j, r) for j, r in enumerate(self._ranges) if r is not None]
+        if not ranges:
+            return list(x), jnp.zeros(()), jnp.zeros(())
+
+        def room(total: jax.Array) -> list[jax.Array]:
+            each = ((r.b - x[j] + total) / r.soft for j, r in ranges)
+            return [jnp.maximum(w, LEAST_ROOM) for w in each]
+
+        def stepped(total: jax.Array) -> jax.Array:
+            each = list(zip(ranges, room(total), strict=True))
+            excess = -sum(r.soft * jnp.log(-jnp.expm1(-w)) for (_, r), w in each)
+            slope = 1.0 + sum(1.0 / jnp.expm1(w) for _, w in each)
+            return total - (total - excess) / slope
+
+        total = jnp.max(jnp.stack([r.excess(x[j]) for j, r in ranges]))
+        for _ in range(STEPS):
+            total = stepped(jax.lax.stop_gradient(total))
+        v = [u - total for u in x]
+        log_det, slope = jnp.zeros(()), jnp.ones(())
+        for (j, r), w in zip(ranges, room(total), strict=True):
+            v[j] = r.b - r.soft * jnp.log(jnp.expm1(w))
+            log_det -= jnp.log(-jnp.expm1(-w))
+            slope += 1.0 / jnp.expm1(w)
+        return v, total, log_det - jnp.log(slope)
 
     def _inverse(self, y: jax.Array) -> jax.Array:
         sites = y if self.constant is None else y[1:]
         every = zip(sites, self.reflectances, strict=True)
         log_rho = [jnp.log(v) if one.bounded else v for v, one in every]
-        free = [] if self.constant is None else [y[0] - self._log_area(log_rho)]
-        for value, one in zip(log_rho, self.reflectances, strict=True):
+        free, excess = [], []
+        for value, one, end in zip(log_rho, self.reflectances, self._ranges, strict=True):
             inside = _Range(*one.ends).free(value) if one.bounded else value
             free.append(inside + _log_transmitted(one, log_rho))
+            excess.append(jnp.zeros(()) if end is None else end.excess(inside))
+        total = sum(excess)
+        free = [v + total - own for v, own in zip(free, excess, strict=True)]
+        if self.constant is not None:
+            free.insert(0, y[0] - self._log_area(log_rho) - total)
         return jnp.stack(free)
 
     def precision(self, value: jax.Array) -> jax.Array:  # noqa: ARG002
