@@ -146,22 +146,23 @@ class ReflectanceCoordinates(Transform):
         if not ranges:
             return list(x), jnp.zeros(()), jnp.zeros(())
 
-        def room(total: jax.Array) -> list[jax.Array]:
+        def room(total: jax.Array, x: jax.Array) -> list[jax.Array]:
             each = ((r.b - x[j] + total) / r.soft for j, r in ranges)
             return [jnp.maximum(w, LEAST_ROOM) for w in each]
 
-        def stepped(total: jax.Array) -> jax.Array:
-            each = list(zip(ranges, room(total), strict=True))
+        def stepped(total: jax.Array, x: jax.Array) -> jax.Array:
+            each = list(zip(ranges, room(total, x), strict=True))
             excess = -sum(r.soft * jnp.log(-jnp.expm1(-w)) for (_, r), w in each)
             slope = 1.0 + sum(1.0 / jnp.expm1(w) for _, w in each)
             return total - (total - excess) / slope
 
-        total = jnp.max(jnp.stack([r.excess(x[j]) for j, r in ranges]))
-        for _ in range(STEPS):
-            total = stepped(jax.lax.stop_gradient(total))
+        known = jax.lax.stop_gradient(x)
+        total = jnp.max(jnp.stack([r.excess(known[j]) for j, r in ranges]))
+        total = jax.lax.fori_loop(1, STEPS, lambda _, s: stepped(s, known), total)
+        total = stepped(total, x)  # the derivative of the root is that of a step from it
         v = [u - total for u in x]
         log_det, slope = jnp.zeros(()), jnp.ones(())
-        for (j, r), w in zip(ranges, room(total), strict=True):
+        for (j, r), w in zip(ranges, room(total, x), strict=True):
             v[j] = r.b - r.soft * jnp.log(jnp.expm1(w))
             log_det -= jnp.log(-jnp.expm1(-w))
             slope += 1.0 / jnp.expm1(w)
