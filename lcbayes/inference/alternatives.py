@@ -136,8 +136,8 @@ def alternatives(
         candidates = [one for one in candidates if one.columns.tobytes() not in same]
         candidates += _late_curve(problem, z, data, names["curves"], float(sites["period_h"]))
         candidates += apparitions
-    if {"sun_body", "normals_base"} <= sites.keys() and not kinds:
-        base = np.asarray(sites["normals_base"])
+    if {"sun_body", "normals"} <= sites.keys() and not kinds:
+        base = np.asarray(sites.get("normals_base", sites["normals"]))
         # in the axes of the directions, which coincide with the inertial ones at another time
         own = {**sites, "normals": base / np.linalg.norm(base, axis=1, keepdims=True)}
         at_start = Rotation.align_vectors(np.asarray(sites["normals"]), own["normals"])[0]
