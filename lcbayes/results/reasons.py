@@ -423,11 +423,8 @@ MEASURED = {  # with the unit as a factor
         "the rate of rotation changes by {mean:.2g} ± {sd:.1g} %; a pass with late times would "
         "look the same, and so may a motion that is not constant",
     ),
-    "clock_offset": (1.0, "{name} is {mean:.2g} ± {sd:.1g} s; times are late where it is negative"),
-    "zero_point": (
-        1.0,
-        "{name} is {mean:.2g} ± {sd:.1g} mag; points are fainter where it is positive",
-    ),
+    "clock_offset": (1.0, "the times of {about} are {size:.2g} ± {sd:.1g} s too {late}"),
+    "zero_point": (1.0, "{about} is {size:.2g} ± {sd:.1g} mag {fainter} than the model"),
 }
 
 
@@ -477,11 +474,14 @@ def measured_faults(parameters: Mapping[str, Any]) -> list[str]:
     """Lines on small faults that the data show, and on what would look the same."""
     parts: list[str] = []
     for name, found in parameters.items():
-        known, mean, sd = MEASURED.get(name.partition("[")[0]), found.get("mean"), found.get("sd")
+        base, _, about = name.removesuffix("]").partition("[")
+        known, mean, sd = MEASURED.get(base), found.get("mean"), found.get("sd")
         if known is None or mean is None or sd is None or abs(mean) < MEASURED_SD * sd:
             continue
         factor, words = known
-        parts.append("  " + words.format(name=name, mean=factor * mean, sd=factor * sd))
+        values = {"mean": factor * mean, "size": factor * abs(mean), "sd": factor * sd}
+        late, fainter = ("early", "fainter") if mean > 0 else ("late", "brighter")
+        parts.append("  " + words.format(about=about, late=late, fainter=fainter, **values))
     return (
         ["small faults that the data show, and that the fit allows for:", *parts] if parts else []
     )

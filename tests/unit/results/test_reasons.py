@@ -173,15 +173,19 @@ def test_every_test_of_the_residuals_has_words():
 def test_small_faults_that_the_data_show_are_named():
     parameters = {
         "rate_drift": {"mean": 0.0189, "sd": 0.0017},
-        "clock_offset[1]": {"mean": -2.0, "sd": 0.1},
-        "zero_point[0]": {"mean": 0.1, "sd": 0.03},
+        "clock_offset[site B]": {"mean": -2.0, "sd": 0.1},
+        "clock_offset[site C]": {"mean": 1.0, "sd": 0.2},
+        "zero_point[A, night 2]": {"mean": 0.2, "sd": 0.03},
+        "zero_point[A, night 1]": {"mean": 0.1, "sd": 0.03},
         "albedo_area[0]": {"mean": 2.0, "sd": 0.1},
     }
-    head, drift, clock = measured_faults(parameters)
+    head, drift, late, early, faint = measured_faults(parameters)
     assert head.startswith("small faults")
     assert "changes by 1.9 ± 0.2 %; a pass with late times would look the same" in drift
     # a time that is recorded too late needs a negative offset: see test_nuisances.py
-    assert "clock_offset[1] is -2 ± 0.1 s; times are late where it is negative" in clock
+    assert late == "  the times of site B are 2 ± 0.1 s too late"
+    assert early == "  the times of site C are 1 ± 0.2 s too early"
+    assert faint == "  A, night 2 is 0.2 ± 0.03 mag fainter than the model"
     assert measured_faults({"rate_drift": {"mean": 0.001, "sd": 0.0017}}) == []
 
 
