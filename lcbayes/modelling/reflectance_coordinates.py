@@ -92,9 +92,9 @@ class ReflectanceCoordinates(Transform):
     The line would turn a corner where a bright surface reaches the upper end of its range: its v
     grows on, by an excess U, and κ and the other reflectances do not change. With the sum S of all
     U_j, x₀ = ln κ − S and x_j = v_j + S − U_j, it goes straight on, since x₀ + x_j = ln κ ρ_j. To
-    compute S from x takes a root of one variable. The U of diffuse surfaces in layers, and of those
-    above, are left out. A = A₀ + Σ area_j ρ_j is the total albedo-area. For a relative light curve
-    x₀ and ln κ A are left out.
+    compute S from x takes a root of one variable. S is zero if there are surfaces in layers.
+    A = A₀ + Σ area_j ρ_j is the total albedo-area. For a relative light curve x₀ and ln κ A are
+    left out.
 
     Parameters
     ----------
@@ -108,10 +108,9 @@ class ReflectanceCoordinates(Transform):
 
     def __init__(self, reflectances: Sequence[Reflectance], constant: float | None) -> None:
         self.reflectances, self.constant = tuple(reflectances), constant
-        layers = {one.above for one in self.reflectances}
+        layered = any(one.above is not None for one in self.reflectances)
         self._ranges = tuple(
-            _Range(*one.ends) if one.bounded and one.above is None and j not in layers else None
-            for j, one in enumerate(self.reflectances)
+            _Range(*one.ends) if one.bounded and not layered else None for one in self.reflectances
         )
 
     def __call__(self, x: jax.Array) -> jax.Array:

@@ -106,7 +106,7 @@ def test_a_loaded_fit_is_the_fit(folder):
     assert "DO NOT TRUST" in fit._repr_html_()
     assert len(fit.plot_light_curve()) >= 1
     summary = json.loads((folder / "summary.json").read_text())
-    assert (summary["schema"], summary["task"], summary["trusted"]) == (3, "fit", False)
+    assert (summary["schema"], summary["task"], summary["trusted"]) == (4, "fit", False)
     assert [r["text"] for r in summary["reasons"]] == [r.text for r in fit.reasons]
 
 

@@ -33,7 +33,7 @@ def planned(tmp_path_factory):
 def test_a_scenario_is_assessed_and_planned(planned, look):
     out, printed = planned
     result = json.loads((out / "observability.json").read_text())
-    assert printed == {"schema": 3, "task": "observability", "trusted": True, "reasons": []} | {
+    assert printed == {"schema": 4, "task": "observability", "trusted": True, "reasons": []} | {
         name: value for name, value in result.items() if name != "measurements"
     }
     assert len(result["measurements"]) == result["n_measurements"] == 122

@@ -150,7 +150,7 @@ def test_starting_from_what_is_no_scan_is_refused(asteroid, tmp_path, capsys):
 
 
 def test_the_folder_of_a_fit_is_left_alone(asteroid, tmp_path, capsys):
-    (tmp_path / "run.toml").write_text('schema = 3\ntask = "fit"\n')
+    (tmp_path / "run.toml").write_text('schema = 4\ntask = "fit"\n')
     write_json({"model": "faceted"}, tmp_path / "summary.json")
     _, argv, _ = asteroid
     assert main.main([*argv, "-o", str(tmp_path)]) == EXIT_BAD_INPUT

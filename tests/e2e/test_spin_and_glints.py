@@ -43,7 +43,7 @@ def test_a_spin_from_file_to_pole(tmp_path, capsys, look):
     ranges = [Period.of(text) for text in start.periods.split(",")]
     assert any(p.low < truth["period"] < p.high for p in ranges)
     result = json.loads((out / "summary.json").read_text())
-    assert (result["schema"], result["task"], result["trusted"]) == (3, "spin", True)
+    assert (result["schema"], result["task"], result["trusted"]) == (4, "spin", True)
     best = result["solutions"][0]
     assert best["period_s"] == pytest.approx(truth["period"], rel=1e-3)
     assert best["period_h"] == pytest.approx(best["period_s"] / 3600)

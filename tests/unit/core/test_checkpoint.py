@@ -140,7 +140,7 @@ def test_a_refused_run_leaves_nothing_but_work_that_is_done(tmp_path):
 def test_a_result_replaces_the_last_one_whole(tmp_path):
     for name in ("report.html", "shape.obj", "shape-2.obj", "shapes.md", "posterior.nc"):
         (tmp_path / name).write_text("old")
-    (tmp_path / "run.toml").write_text('schema = 3\ntask = "fit"\n')
+    (tmp_path / "run.toml").write_text('schema = 4\ntask = "fit"\n')
     (tmp_path / "figures").mkdir()
     with results_folder(tmp_path, "fit") as folder:
         before = {p.name for p in tmp_path.iterdir()}
@@ -176,7 +176,7 @@ def test_one_run_at_a_time_which_removes_what_a_killed_one_left(tmp_path):
 def test_a_folder_holds_the_results_of_one_task(tmp_path):
     """Those that are there, and those of a run that was stopped."""
     (tmp_path / "a").mkdir()
-    (tmp_path / "a" / "run.toml").write_text('schema = 3\ntask = "fit"\n')
+    (tmp_path / "a" / "run.toml").write_text('schema = 4\ntask = "fit"\n')
     with (
         pytest.raises(InputError, match="holds results of lcbayes fit; choose another"),
         results_folder(tmp_path / "a", "spin"),
