@@ -92,7 +92,7 @@ def model(
         Prior sd of the offset of each observer's clock, if several, s; 0: all exact. Only the
         directions to Sun and observer depend on the clock.
     """
-    data = nuisances.moved(data, nuisances.clock(data, clock_sd))
+    data = nuisances.moved(data, nuisances.late(data, nuisances.clock_offsets(data, clock_sd)))
     listed = facet_list(facets)
     total = n_facets or len(listed) or 2
     if total < len(listed):

@@ -236,7 +236,7 @@ class Motion(NamedTuple):
             directions are those of the recorded times, moved to the true ones.
         """
         attitude, omega, offsets, drift = self
-        late = None if offsets is None else offsets[data.observer]
+        late = nuisances.late(data, offsets)
         true = nuisances.moved(data, late)
 
         def since_middle(t: jax.Array) -> jax.Array:

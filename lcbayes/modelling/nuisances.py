@@ -186,12 +186,6 @@ def drawn(draws: Mapping[str, NDArray], rng: np.random.Generator) -> dict[str, N
     return completed
 
 
-def clock(data: Epochs, sd: float = CLOCK_SD) -> jax.Array | None:
-    """Time (T,) s to be added to the recorded times; None if it is not modelled."""
-    offset = clock_offsets(data, sd)
-    return None if offset is None else offset[data.observer]
-
-
 def clock_offsets(data: Epochs, sd: float = CLOCK_SD) -> jax.Array | None:
     """Offset of each observer and of any other, s; None if they are not modelled.
 
@@ -199,13 +193,22 @@ def clock_offsets(data: Epochs, sd: float = CLOCK_SD) -> jax.Array | None:
     the others; a clock that is ahead has a negative offset. A common offset is included: it changes
     the orientation of the body at t = 0.
     """
-    if not clock_coordinates(data, sd):
+    if not _clocks_differ(data, sd):
         return None
     normal = dist.Normal(0.0, 1.0).expand([data.n_observers + 1]).to_event(1)
     unit = jnp.asarray(numpyro.sample("clock_offset_unit", normal))
     offset = sd * heavy_tailed(unit)
     numpyro.deterministic("clock_offset", offset[:-1])  # the last has no data
     return offset
+
+
+def _clocks_differ(data: Epochs, sd: float) -> bool:
+    return _on("clock_sd", sd) and data.n_observers > 1
+
+
+def late(data: Epochs, offsets: jax.Array | None) -> jax.Array | None:
+    """Time (T,) s to be added to the recorded times, of `clock_offsets`."""
+    return None if offsets is None else offsets[data.observer]
 
 
 def heavy_tailed(unit: Any) -> Any:
@@ -259,8 +262,7 @@ class ClockDifferences(Transform):
 
 def clock_coordinates(data: Epochs, sd: float) -> dict[str, ClockDifferences]:
     """Coordinates of the sampler for `clock_offsets`, if they are modelled."""
-    modelled = _on("clock_sd", sd) and data.n_observers > 1
-    return {"clock_offset_unit": ClockDifferences()} if modelled else {}
+    return {"clock_offset_unit": ClockDifferences()} if _clocks_differ(data, sd) else {}
 
 
 def rate_drift(data: Epochs, rate: jax.Array, sd: float = RATE_DRIFT_SD) -> jax.Array | None:
@@ -406,17 +408,16 @@ def rotation(
     if spin == "none":
         return Rotating(data, body)
     rate = jnp.sqrt(jnp.sum(body.omega**2) + 1e-30)
-    offset, drift = clock_offsets(data, clock_sd), rate_drift(data, rate, rate_drift_sd)
-    late = None if offset is None else offset[data.observer]
-    first = 0.0 if offset is None else offset[0]
+    offsets, drift = clock_offsets(data, clock_sd), rate_drift(data, rate, rate_drift_sd)
+    first = 0.0 if offsets is None else offsets[0]
     if spin == "torque-free":
-        rotating = Rotating(data, body, late, drift, data.t_middle + first)
+        rotating = Rotating(data, body, late(data, offsets), drift, data.t_middle + first)
         state = body.state(rotating.elapsed(jnp.zeros(())))
         numpyro.deterministic("omega", state.omega)
         numpyro.deterministic("inertia", state.inertia)
         return replace(rotating, start=state.attitude)
-    rotating = Rotating(data, body, late, drift, first)
-    if offset is None:
+    rotating = Rotating(data, body, late(data, offsets), drift, first)
+    if offsets is None:
         return rotating
     since = rotating.elapsed(jnp.zeros(1))
     return replace(rotating, start=rotations.constant_rate(since, body.omega)[0])

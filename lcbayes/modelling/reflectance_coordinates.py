@@ -109,9 +109,8 @@ class ReflectanceCoordinates(Transform):
     def __init__(self, reflectances: Sequence[Reflectance], constant: float | None) -> None:
         self.reflectances, self.constant = tuple(reflectances), constant
         layered = any(one.above is not None for one in self.reflectances)
-        self._ranges = tuple(
-            _Range(*one.ends) if one.bounded and not layered else None for one in self.reflectances
-        )
+        bounded = {j: one for j, one in enumerate(self.reflectances) if one.bounded}
+        self._ranges = {} if layered else {j: _Range(*one.ends) for j, one in bounded.items()}
 
     def __call__(self, x: jax.Array) -> jax.Array:
         return self._values(x)[0]
@@ -141,28 +140,27 @@ class ReflectanceCoordinates(Transform):
         With room w_j = (b_j − x_j + S)/s_j > 0, U_j = −s_j ln (1 − exp(−w_j)), so that S is the
         root of S − Σ U_j, which rises and is concave. Newton's method from below never passes it.
         """
-        ranges = [(j, r) for j, r in enumerate(self._ranges) if r is not None]
-        if not ranges:
+        if not self._ranges:
             return list(x), jnp.zeros(()), jnp.zeros(())
 
-        def room(total: jax.Array, x: jax.Array) -> list[jax.Array]:
-            each = ((r.b - x[j] + total) / r.soft for j, r in ranges)
-            return [jnp.maximum(w, LEAST_ROOM) for w in each]
+        def room(total: jax.Array, x: jax.Array) -> dict[int, jax.Array]:
+            each = {j: (r.b - x[j] + total) / r.soft for j, r in self._ranges.items()}
+            return {j: jnp.maximum(w, LEAST_ROOM) for j, w in each.items()}
 
         def stepped(total: jax.Array, x: jax.Array) -> jax.Array:
-            each = list(zip(ranges, room(total, x), strict=True))
-            excess = -sum(r.soft * jnp.log(-jnp.expm1(-w)) for (_, r), w in each)
-            slope = 1.0 + sum(1.0 / jnp.expm1(w) for _, w in each)
+            each = room(total, x)
+            excess = -sum(self._ranges[j].soft * jnp.log(-jnp.expm1(-w)) for j, w in each.items())
+            slope = 1.0 + sum(1.0 / jnp.expm1(w) for w in each.values())
             return total - (total - excess) / slope
 
         known = jax.lax.stop_gradient(x)
-        total = jnp.max(jnp.stack([r.excess(known[j]) for j, r in ranges]))
+        total = jnp.max(jnp.stack([r.excess(known[j]) for j, r in self._ranges.items()]))
         total = jax.lax.fori_loop(1, STEPS, lambda _, s: stepped(s, known), total)
         total = stepped(total, x)  # the derivative of the root is that of a step from it
         v = [u - total for u in x]
         log_det, slope = jnp.zeros(()), jnp.ones(())
-        for (j, r), w in zip(ranges, room(total, x), strict=True):
-            v[j] = r.b - r.soft * jnp.log(jnp.expm1(w))
+        for j, w in room(total, x).items():
+            v[j] = self._ranges[j].b - self._ranges[j].soft * jnp.log(jnp.expm1(w))
             log_det -= jnp.log(-jnp.expm1(-w))
             slope += 1.0 / jnp.expm1(w)
         return v, total, log_det - jnp.log(slope)
@@ -171,13 +169,13 @@ class ReflectanceCoordinates(Transform):
         sites = y if self.constant is None else y[1:]
         every = zip(sites, self.reflectances, strict=True)
         log_rho = [jnp.log(v) if one.bounded else v for v, one in every]
-        free, excess = [], []
-        for value, one, end in zip(log_rho, self.reflectances, self._ranges, strict=True):
+        free = []
+        for value, one in zip(log_rho, self.reflectances, strict=True):
             inside = _Range(*one.ends).free(value) if one.bounded else value
             free.append(inside + _log_transmitted(one, log_rho))
-            excess.append(jnp.zeros(()) if end is None else end.excess(inside))
-        total = sum(excess)
-        free = [v + total - own for v, own in zip(free, excess, strict=True)]
+        excess = {j: r.excess(free[j]) for j, r in self._ranges.items()}
+        total = sum(excess.values())
+        free = [v + total - excess.get(j, 0.0) for j, v in enumerate(free)]
         if self.constant is not None:
             free.insert(0, y[0] - self._log_area(log_rho) - total)
         return jnp.stack(free)

@@ -177,7 +177,7 @@ def tree(
     predicted = points.assign({OBSERVED: (time, replicated)})
     if (probability := _outliers(problem, z, data, rows)) is not None:
         predicted[OUTLIER] = (("time",), probability)
-    nodes: dict[str, xr.Dataset] = {
+    groups: dict[str, xr.Dataset] = {
         "posterior": whole,
         "sample_stats": _stacked([_stats(m) for m in modes], length).assign_coords(chains),
         "log_prior": points.drop_vars("time").assign(_log_prior(problem, z, data)),
@@ -188,15 +188,15 @@ def tree(
         "constant_data": _constants(curve, data, entry, options).assign_coords(point),
     }
     for name in ("posterior", "sample_stats"):
-        nodes[name].attrs = _sampling(posterior, modes)
+        groups[name].attrs = _sampling(posterior, modes)
     for i, mode in enumerate(modes):
-        nodes[f"modes/{i}/posterior"] = apart[i].assign_attrs(_sampling(posterior, [mode]))
+        groups[f"modes/{i}/posterior"] = apart[i].assign_attrs(_sampling(posterior, [mode]))
         stats = _stats(mode).assign(_mass(problem, mode))
-        nodes[f"modes/{i}/sample_stats"] = stats.assign_attrs(_sampling(posterior, [mode]))
+        groups[f"modes/{i}/sample_stats"] = stats.assign_attrs(_sampling(posterior, [mode]))
         if (curves := _curves(problem, mode, data)) is not None:
-            nodes[f"modes/{i}/curves"] = curves
-    _add_units(nodes, curve)
-    return xr.DataTree.from_dict(nodes | {"/": xr.Dataset(attrs=light_curve_attributes(curve))})
+            groups[f"modes/{i}/curves"] = curves
+    _add_units(groups, curve)
+    return xr.DataTree.from_dict(groups | {"/": xr.Dataset(attrs=light_curve_attributes(curve))})
 
 
 def _with_names(draws: xr.Dataset, curve: LightCurve, data: Epochs) -> xr.Dataset:
