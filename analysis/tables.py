@@ -198,7 +198,7 @@ def residual_table(results: Results) -> dict[str, Any] | None:
     rows = [
         [
             name_of_test(t["name"]),
-            f"{t['statistic']:.3g}",
+            show(t["statistic"], min(0.1 * abs(t["statistic"]), 10.0)),
             p_words(t["p_value"], t.get("upper_limit", False)).removeprefix("= "),
         ]
         for t in sorted(fit["tests"], key=lambda t: t["p_value"])
