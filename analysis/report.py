@@ -87,7 +87,9 @@ def _compose(results: Results, gallery: style.Gallery) -> tuple[str, list[shape_
         "curves": curves if len(curves) > 1 else [],
         "outliers": tables.outlier_table(results),
         "spins": tables.spin_table(results),
-        "measured_faults": measured_faults(drawn[0].summary.get("parameters", {}))[1:],
+        "measured_faults": measured_faults(
+            drawn[0].summary.get("parameters", {}), stored(results.summary)
+        )[1:],
         "rests_on": tables.rests_on_table(results),
         "residual_tests": tables.residual_table(results),
         "residual_unit": "mag" if results.is_magnitude else "in the unit of the flux",

@@ -417,14 +417,11 @@ FAULTS = {
 }
 LEAST_SHIFT = 0.05  # sd; smaller shifts are not mentioned
 MEASURED_SD = 4.0  # distance from zero at which a fault is measured
-MEASURED = {  # with the unit as a factor
-    "rate_drift": (
-        100.0,
-        "the rate of rotation changes by {mean:.2g} ± {sd:.1g} %; a pass with late times would "
-        "look the same, and so may a motion that is not constant",
-    ),
-    "clock_offset": (1.0, "the times of {about} are {size:.2g} ± {sd:.1g} s too {late}"),
-    "zero_point": (1.0, "{about} is {size:.2g} ± {sd:.1g} mag {fainter} than the model"),
+ALIKE = "; a pass with late times would look the same, and so may a motion that is not constant"
+MEASURED = {  # the alternative that a parameter stands for, its unit as a factor, and a remark
+    "rate_drift": ("rate-drift", 100.0, ALIKE),
+    "clock_offset": ("clock", 1.0, ""),
+    "zero_point": ("zero-point", 1.0, ""),
 }
 
 
@@ -470,18 +467,19 @@ def other_spins(spins: Sequence[Mapping[str, Any]]) -> list[str]:
     return lines
 
 
-def measured_faults(parameters: Mapping[str, Any]) -> list[str]:
-    """Lines on small faults that the data show, and on what would look the same."""
+def measured_faults(parameters: Mapping[str, Any], against: Iterable[Reason]) -> list[str]:
+    """Lines on small faults that the data show, if the model with them explains the data."""
     parts: list[str] = []
+    if any(reason.code == "data-not-explained" for reason in against):
+        return parts
     for name, found in parameters.items():
         base, _, about = name.removesuffix("]").partition("[")
-        known, mean, sd = MEASURED.get(base), found.get("mean"), found.get("sd")
-        if known is None or mean is None or sd is None or abs(mean) < MEASURED_SD * sd:
+        mean, sd = found.get("mean"), found.get("sd")
+        if base not in MEASURED or mean is None or sd is None or abs(mean) < MEASURED_SD * sd:
             continue
-        factor, words = known
-        values = {"mean": factor * mean, "size": factor * abs(mean), "sd": factor * sd}
-        late, fainter = ("early", "fainter") if mean > 0 else ("late", "brighter")
-        parts.append("  " + words.format(about=about, late=late, fainter=fainter, **values))
+        code, unit, remark = MEASURED[base]
+        values = {"about": about, "version": "", "amount": unit * mean, "sd": unit * sd}
+        parts.append(f"  {cause(SimpleNamespace(name=code, **values))}{remark}")
     return (
         ["small faults that the data show, and that the fit allows for:", *parts] if parts else []
     )

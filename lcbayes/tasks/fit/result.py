@@ -159,7 +159,7 @@ class Fit(Result[FitContent]):
             lines += self._parameters(mode["parameters"])
             lines += _body(mode.get("body"))
         lines += [*other_spins(content.get("spins", [])), *searched(content.get("search"))]
-        lines += measured_faults(content["modes"][0]["parameters"])
+        lines += measured_faults(content["modes"][0]["parameters"], self.reasons)
         return [*lines, *rests_on(content.get("rests_on", {}))]
 
     def _rotation(self, index: int) -> Iterator[str]:

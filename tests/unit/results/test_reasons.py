@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from lcbayes.core.reasons import Finding
+from lcbayes.core.reasons import Finding, Reason
 from lcbayes.inference.goodness_of_fit import Misfit
 from lcbayes.inference.misfit_tests import Examination, Explanation, ResidualTest
 from lcbayes.inversion.spin import sidereal
@@ -179,14 +179,15 @@ def test_small_faults_that_the_data_show_are_named():
         "zero_point[A, night 1]": {"mean": 0.1, "sd": 0.03},
         "albedo_area[0]": {"mean": 2.0, "sd": 0.1},
     }
-    head, drift, late, early, faint = measured_faults(parameters)
+    head, drift, late, early, faint = measured_faults(parameters, [])
     assert head.startswith("small faults")
-    assert "changes by 1.9 ± 0.2 %; a pass with late times would look the same" in drift
+    assert "grows by 1.89 ± 0.17 % over the light curve; a pass with late times would" in drift
     # a time that is recorded too late needs a negative offset: see test_nuisances.py
-    assert late == "  the times of site B are 2 ± 0.1 s too late"
-    assert early == "  the times of site C are 1 ± 0.2 s too early"
-    assert faint == "  A, night 2 is 0.2 ± 0.03 mag fainter than the model"
-    assert measured_faults({"rate_drift": {"mean": 0.001, "sd": 0.0017}}) == []
+    assert late == "  the times of site B are 2.00 ± 0.10 s too late"
+    assert early == "  the times of site C are 1.00 ± 0.20 s too early"
+    assert faint == "  A, night 2 is 0.200 ± 0.030 mag fainter than the model"
+    assert measured_faults({"rate_drift": {"mean": 0.001, "sd": 0.0017}}, []) == []
+    assert measured_faults(parameters, [Reason("data-not-explained", "")]) == []
 
 
 def test_a_result_rests_on_quantities_that_are_printed():
