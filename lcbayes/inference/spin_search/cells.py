@@ -25,7 +25,7 @@ from lcbayes.core.threads import threads
 from lcbayes.inference.spin_search.allowed import Allowed
 from lcbayes.inference.spin_search.arcs import Arcs
 from lcbayes.inference.spin_search.drift import NONE, Drift
-from lcbayes.inference.spin_search.series import Series, log_evidence
+from lcbayes.inference.spin_search.series import Response, Series, log_evidence
 from lcbayes.physics.bodies import facets
 
 Floats = NDArray[np.float64]
@@ -35,6 +35,7 @@ POLE_STEP = np.radians(9.0)
 STEP = 1.0  # rad: spacing of rates times the duration by which they are distinguished
 PHASE_STEP = 0.7  # rad: spacing of the phases between the first two arcs
 BLOCK = 512  # cells of one pole in one program
+SIZES = (16, 64, 256)  # numbers of coarse rates of one pole for which programs are compiled
 BUDGET = 150_000  # cells evaluated at each level after the first
 MIN_KEPT = 2000  # cells divided at each level
 MARGIN = 150.0  # nats below the best at which cells are dropped
@@ -248,19 +249,15 @@ class Grid:
         phase = self.drift.phase(rate, cells.drift, middle) - reference * rate[:, None]
 
         def one(k: int, rows: NDArray[np.int64]) -> None:
-            tables = _tables(self.series, self.arcs, self.poles[k], self.coarse)
+            used, index = np.unique(self.index(rate[rows]), return_inverse=True)
+            coarse = self.coarse[np.resize(used, _at_least(used.size, SIZES))]
+            tables = _tables(self.series, self.arcs, self.poles[k], coarse, used.size, n_arcs)
             for start in range(0, rows.size, BLOCK):
-                part = rows[start : start + BLOCK]
+                part = np.arange(start, min(start + BLOCK, rows.size))
                 padded = np.resize(part, BLOCK if rows.size > 64 else 64)
-                scored = _scores(
-                    self.series,
-                    tables,
-                    self.prior,
-                    phase[padded],
-                    self.index(rate[padded]),
-                    n_arcs,
-                )
-                scores[part] = np.asarray(scored)[: part.size]
+                at = phase[rows[padded]], index[padded]
+                scored = _scores(self.series, tables, self.prior, *at, n_arcs)
+                scores[rows[part]] = np.asarray(scored)[: part.size]
             bar.advance(rows.size)
 
         with threads(workers) as pool:
@@ -341,16 +338,28 @@ class Grid:
         return divided.at(self.allowed.rates(rate, 0.5 * divided.width))
 
 
+def _at_least(number: int, sizes: tuple[int, ...]) -> int:
+    """The smallest of the sizes that is not below a number, or else the number."""
+    return next((size for size in sizes if size >= number), number)
+
+
 @jax.jit
-def _tables(series: Series, arcs: Arcs, pole: jax.Array, coarse: jax.Array):
-    """Normal matrices (n, A, P, P) and vectors (n, A, P) of the arcs at each coarse rate."""
+def _tables(series: Series, arcs: Arcs, pole: jax.Array, coarse: jax.Array, n_rates, n_arcs):
+    """Normal matrices (n, A, P, P) and vectors (n, A, P) of arcs at coarse rates; the first of
+    each, and zeros for the others."""
     rows = series.response(pole, arcs.sun, arcs.obs)
+    size, n, arc_number = series.size, len(coarse), len(arcs.middle)
 
-    def at(rate: jax.Array):
-        design = series.turned(rows, rate * arcs.dt) * arcs.weight[..., None]
-        return design.swapaxes(1, 2) @ design, jnp.einsum("alp,al->ap", design, arcs.white)
+    def one(i, tables):
+        rate, arc = i // n_arcs, i % n_arcs
+        response = Response(rows.cosine[arc], rows.sine[arc])
+        design = series.turned(response, coarse[rate] * arcs.dt[arc]) * arcs.weight[arc, :, None]
+        matrices, vectors = tables
+        matrices = matrices.at[rate, arc].set(design.T @ design)
+        return matrices, vectors.at[rate, arc].set(arcs.white[arc] @ design)
 
-    return jax.lax.map(at, coarse)
+    empty = jnp.zeros((n, arc_number, size, size)), jnp.zeros((n, arc_number, size))
+    return jax.lax.fori_loop(0, n_rates * n_arcs, one, empty)
 
 
 @jax.jit

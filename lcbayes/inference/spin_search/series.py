@@ -50,7 +50,7 @@ class Series:
         Unit normals.
     cosine, sine : (Q, NC), (Q, NS)
         Harmonics times 4π/Q, the weight of a node.
-    order : (NC,)
+    order : (NC,) int
         m of each cosine term.
     law : str
         One of `brightness.DIFFUSE_LAWS`.
@@ -84,18 +84,25 @@ class Series:
 
     def turned(self, rows: Response, angle: jax.Array) -> jax.Array:
         """Brightness (..., T, P) of the harmonics of a body turned about z by angles (..., T)."""
-        angle = angle[..., None] * self.order
-        return _rotated(rows.cosine, rows.sine, jnp.cos(angle), jnp.sin(angle))
+        return _rotated(rows.cosine, rows.sine, *self._waves(angle))
 
     def turned_normal(self, matrix: jax.Array, vector: jax.Array, angle: jax.Array):
         """Normal matrix (P, P) and vector (P,) for a body turned about z by a further angle."""
-        cosine, sine = jnp.cos(angle * self.order), jnp.sin(angle * self.order)
+        waves = self._waves(angle)
 
         def apply(x: jax.Array) -> jax.Array:
             n = self.cosine.shape[1]
-            return _rotated(x[..., :n], x[..., n:], cosine, sine)
+            return _rotated(x[..., :n], x[..., n:], *waves)
 
         return apply(apply(matrix).T), apply(vector)
+
+    def _waves(self, angle: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """cos mθ and sin mθ of each cosine term, (..., NC), for angles θ (...)."""
+        zonal = self.cosine.shape[1] - self.sine.shape[1]
+        each = angle[..., None] * jnp.arange(float(zonal))
+        # The barrier keeps the compiler from computing them again wherever they are used.
+        cosine, sine = jax.lax.optimization_barrier((jnp.cos(each), jnp.sin(each)))
+        return cosine[..., self.order], sine[..., self.order]
 
 
 def frame(pole: jax.Array) -> jax.Array:
@@ -137,12 +144,12 @@ def _rotated(cosine, sine, cos, sin) -> jax.Array:
 
 
 @cache
-def _tables(degree: int) -> tuple[Floats, Floats, Floats, Floats]:
+def _tables(degree: int) -> tuple[Floats, Floats, Floats, NDArray[np.int64]]:
     """Nodes (Q, 3), weighted harmonics (Q, NC) and (Q, NS), and m (NC,)."""
     nodes = facets.grid(NODES)
     harmonics = 4 * np.pi / NODES * facets.spherical_harmonics(nodes, degree)
     pairs = [(n, m) for m in range(degree + 1) for n in range(m, degree + 1)]
     cosine = [n * n + n + m for n, m in pairs]
     sine = [n * n + n - m for n, m in pairs if m]
-    order = np.array([m for _, m in pairs], float)
+    order = np.array([m for _, m in pairs])
     return nodes, harmonics[:, cosine], harmonics[:, sine], order

@@ -77,7 +77,7 @@ def body_text(body: str) -> str:
     Raises
     ------
     InputError
-        There is no such body or file.
+        There is no such body or file, or its content is invalid.
     """
     if "\n" in body:
         return body
@@ -91,19 +91,25 @@ def body_text(body: str) -> str:
             )
         path = named[body]
     read_toml(path)  # for its errors, which name the file
-    return path.read_text(encoding="utf-8-sig").rstrip() + "\n"
+    text = path.read_text(encoding="utf-8-sig").rstrip() + "\n"
+    read_body_text(text, name=str(path))  # for the same reason
+    return text
 
 
 @lru_cache(maxsize=32)
-def read_body_text(text: str, tolerance: float | None = None) -> BodyFile:
+def read_body_text(
+    text: str, tolerance: float | None = None, name: str = "the body's file"
+) -> BodyFile:
     """The body of a TOML text, from `body_text`, to a tolerance of its own or a given one.
+
+    Messages begin with ``name``.
 
     Raises
     ------
     InputError
         If a value is invalid; the message gives line, table, key and the expected value.
     """
-    root = parse_toml(text, "the body's file")
+    root = parse_toml(text, name)
     title = root.text("title", "a body of known shape")
     materials, priors = _materials(root)
     table = root.table("body")
