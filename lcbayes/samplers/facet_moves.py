@@ -275,7 +275,7 @@ class FacetMoves:
     def range(self, square: jax.Array, along: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Lower end and width of the range of ln(area) given products of a column."""
         information = jnp.maximum(square, 0.0) + 1e-30
-        best, sd = along / information, information**-0.5
+        best, sd = along / information, jax.lax.rsqrt(information)
         least = np.exp(self.log_area_mean - PRIOR_REACH * self.log_area_sd)
         most = np.exp(self.log_area_mean + PRIOR_REACH * self.log_area_sd)
         low = jnp.log(jnp.clip(best - REACH * sd, least, 0.5 * most))
@@ -309,7 +309,10 @@ class Place:
         """Facets of given normals (..., 3) and ln(area) (...)."""
         column = self.moves.columns(self.sun, self.obs, normal)
         column = jax.lax.optimization_barrier(column)  # else it is computed for every cell
-        return Facets(normal, log_area, column, column.astype(jnp.float32) @ self.sky.column.T)
+        product = jnp.vectorize(lambda x: self.sky.column @ x, signature="(t)->(c)")(
+            column.astype(jnp.float32)
+        )
+        return Facets(normal, log_area, column, product)
 
     def conditional(self, facets: Facets, i: jax.Array, part: jax.Array) -> Conditional:
         """Density of facet i, and of the areas of a ``part`` (N,) of the others, given the rest."""
