@@ -22,6 +22,14 @@ SCENARIOS = Path(__file__).resolve().parents[2] / "lcbayes" / "simulation" / "sc
 SITE = "--site 36.4,28.2,100"
 ORBIT = f"--tle object.tle {SITE}"
 FIT = "fit vectors.csv -o out"
+BODY = """[[body.parts]]
+kind = "cylinder"
+length = 5.0
+radius = -1.0
+[materials.paint]
+law = "lambertian"
+r_diff = 0.3
+"""
 
 
 @dataclass(frozen=True)
@@ -378,6 +386,12 @@ MISTAKES: dict[str, list[Mistake]] = {
             "An option of a model is misspelt",
             f"{FIT} --model body --body plate --set scale=0",
             ("model 'body' has no option 'scale'", "mean scale_sd?"),
+        ),
+        Mistake(
+            "A length of a body is negative",
+            f"{FIT} --model body --body mine.toml",
+            ("mine.toml, line 4: ", "'radius' is -1"),
+            {"mine.toml": BODY},
         ),
         Mistake(
             "A range of periods backwards",
