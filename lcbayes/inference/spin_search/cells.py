@@ -36,7 +36,8 @@ STEP = 1.0  # rad: spacing of rates times the duration by which they are disting
 PHASE_STEP = 0.7  # rad: spacing of the phases between the first two arcs
 BLOCK = 512  # cells of one pole in one program
 SIZES = (16, 64, 256)  # numbers of coarse rates of one pole for which programs are compiled
-BUDGET = 150_000  # cells evaluated at each level after the first
+BUDGET = 600_000  # cells evaluated after the first two arcs, and half as many with each further
+LEAST_BUDGET = 150_000
 MIN_KEPT = 2000  # cells divided at each level
 MARGIN = 150.0  # nats below the best at which cells are dropped
 STATES, CELLS, LEVEL, EVALUATED = "states", "cells", "level", "evaluated"  # in a checkpoint
@@ -302,7 +303,7 @@ class Grid:
         rate = np.tile(rate, len(self.poles))
         cells = Cells(pole, rate, width, np.zeros(rate.size), np.zeros(rate.size))
         score = self.score(cells, min(2, self.n_arcs), workers, bar)
-        return cells._replace(score=score).kept(BUDGET // 2)
+        return cells._replace(score=score).kept(_budget(2) // 2)
 
     def coverage(self, evaluated: int, survivors: int) -> Coverage:
         """What the cells cover."""
@@ -316,7 +317,7 @@ class Grid:
         """The best cells of the first two arcs, with every rate and drift that has their phase."""
         units = self.drift.units(PHASE_STEP) if self.n_arcs > 2 else np.zeros(1)
         number = max(1.0, self.coarse_step * self.gap / (2 * np.pi)) if self.n_arcs > 1 else 1.0
-        cells = cells.kept(int(BUDGET / (2 * number * len(units))))
+        cells = cells.kept(int(_budget(2) / (2 * number * len(units))))
         row, rate = self.aliases(cells.rate)
         cells = cells.at(np.repeat(row, len(units)))
         rate, drift = np.repeat(rate, len(units)), np.tile(units, len(rate))
@@ -330,12 +331,17 @@ class Grid:
         """The best cells, divided into those that a further arc tells apart."""
         step = STEP / float(self.arcs.span[n_arcs - 1])
         number = max(1, int(np.ceil(cells.width / step)))
-        cells = cells.kept(max(MIN_KEPT, BUDGET // number))
+        cells = cells.kept(max(MIN_KEPT, _budget(n_arcs) // number))
         offset = ((np.arange(number) + 0.5) / number - 0.5) * cells.width
         rate = (cells.rate[:, None] + offset).ravel()
         divided = cells.at(np.repeat(np.arange(cells.rate.size), number))
         divided = divided._replace(rate=rate, width=cells.width / number)
         return divided.at(self.allowed.rates(rate, 0.5 * divided.width))
+
+
+def _budget(n_arcs: int) -> int:
+    """The most cells evaluated with a number of arcs: the more, the less the best ones change."""
+    return max(LEAST_BUDGET, BUDGET >> max(n_arcs - 3, 0))
 
 
 def _at_least(number: int, sizes: tuple[int, ...]) -> int:
