@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lcbayes.core.blocks import together
+from lcbayes.core.blocks import each, together
 from lcbayes.core.jax_setup import jax
 from lcbayes.core.levenberg_marquardt import Quadratic, levenberg_marquardt
 from lcbayes.core.progress import Silent
@@ -58,7 +58,7 @@ def init(z: NDArray | jax.Array, damping: float = 1.0) -> SearchState:
 
 
 def chunk_size(problem: Problem, data: Epochs) -> int:
-    """Number of starts advanced together: on a CPU, many if overhead dominates a step."""
+    """Number of starts in one program: on a CPU, many if calls of it would take long."""
     limit = together(60_000, ACCELERATOR_SIZE) // (problem.dim * data.t.size)
     return int(np.clip(limit, 1, together(32, 2048)))
 
@@ -87,7 +87,7 @@ def advance(
         )
         return SearchState(end.position, end.model.value, end.damping, end.stalled)
 
-    return jax.vmap(one)(state) if len(state.z) > 1 else jax.lax.map(one, state)
+    return each(one, state)
 
 
 def successive_halving(

@@ -390,7 +390,7 @@ MISTAKES: dict[str, list[Mistake]] = {
         Mistake(
             "A length of a body is negative",
             f"{FIT} --model body --body mine.toml",
-            ("mine.toml, line 4: ", "'radius' is -1"),
+            ("mine.toml, line 4: ", "radius is -1.0"),
             {"mine.toml": BODY},
         ),
         Mistake(
