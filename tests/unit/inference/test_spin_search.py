@@ -109,6 +109,27 @@ def test_the_evidence_is_that_of_a_gaussian_field():
     assert np.allclose(np.diff(ours), np.diff(dense), rtol=0, atol=1e-10)
 
 
+@pytest.mark.parametrize("n_arcs", [1, 2])
+def test_scores_of_some_cells_are_the_evidence_of_the_arcs_in_use(grid: Grid, n_arcs):
+    """Cells of three poles, a few rates each, against dense covariances of the rows in NumPy."""
+    pole, row = np.array([7, 3, 7, 120, 3, 7]), np.array([5, 0, 12, 2, 12, 6])
+    rate = grid.coarse[row]
+    cells = Cells(pole, rate, grid.coarse_step, np.zeros(6), np.zeros(6))
+    with Silent().stage("", 6, "cells") as bar:
+        ours = grid.score(cells, n_arcs, 1, bar) - grid.allowed.log_prior(rate)
+    arcs, dense = grid.arcs, []
+    for k, w in zip(pole, rate, strict=True):
+        rows = grid.series.response(jnp.asarray(grid.poles[k]), arcs.sun, arcs.obs)
+        turned = grid.series.turned(rows, w * (arcs.middle[:, None] + arcs.dt))
+        design = np.asarray(turned * arcs.weight[..., None])[:n_arcs].reshape(-1, grid.series.size)
+        y = np.asarray(arcs.white)[:n_arcs].ravel()
+        covariance = np.eye(len(y)) + design / grid.prior @ design.T
+        log_det = np.linalg.slogdet(covariance)[1]
+        dense.append(-0.5 * y @ np.linalg.solve(covariance, y) - 0.5 * log_det)
+    assert np.ptp(dense) > 10.0
+    assert np.allclose(np.diff(ours), np.diff(dense), rtol=0, atol=1e-6)
+
+
 @pytest.mark.parametrize("n_normals", [60, 250])
 def test_nonnegative_areas_are_those_of_lawson_and_hanson(truth: Truth, n_normals):
     """½ χ² on a grid of normals, whose neighbours have nearly the same brightness."""
