@@ -391,7 +391,6 @@ MISTAKES: dict[str, list[Mistake]] = {
             "A length of a body is negative",
             f"{FIT} --model body --body mine.toml",
             ("mine.toml, line 4: ", "radius is -1.0"),
-            {"mine.toml": BODY},
         ),
         Mistake(
             "A range of periods backwards",
@@ -446,6 +445,7 @@ def prepare(folder: Path) -> None:
     )
     (folder / "pass.csv").write_text(PASS)
     (folder / "vectors.csv").write_text(VECTORS)
+    (folder / "mine.toml").write_text(BODY)
     (folder / "empty").mkdir()
     assert run(folder, "look vectors.csv -o looked --no-report")[0] == EXIT_DONE
 
