@@ -58,7 +58,7 @@ def init(z: NDArray | jax.Array, damping: float = 1.0) -> SearchState:
 
 
 def chunk_size(problem: Problem, data: Epochs) -> int:
-    """Number of starts in one program: on a CPU, many if calls of it would take long."""
+    """Number of starts in one call: on a CPU, more if a step is short, to keep the calls few."""
     limit = together(60_000, ACCELERATOR_SIZE) // (problem.dim * data.t.size)
     return int(np.clip(limit, 1, together(32, 2048)))
 

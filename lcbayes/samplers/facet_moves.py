@@ -309,9 +309,7 @@ class Place:
         """Facets of given normals (..., 3) and ln(area) (...)."""
         column = self.moves.columns(self.sun, self.obs, normal)
         column = jax.lax.optimization_barrier(column)  # else it is computed for every cell
-        product = jnp.vectorize(lambda x: self.sky.column @ x, signature="(t)->(c)")(
-            column.astype(jnp.float32)
-        )
+        product = jnp.einsum("ct,...t->...c", self.sky.column, column.astype(jnp.float32))
         return Facets(normal, log_area, column, product)
 
     def conditional(self, facets: Facets, i: jax.Array, part: jax.Array) -> Conditional:

@@ -36,8 +36,8 @@ STEP = 1.0  # rad: spacing of rates times the duration by which they are disting
 PHASE_STEP = 0.7  # rad: spacing of the phases between the first two arcs
 BLOCK = 512  # cells of one pole in one program
 SIZES = (16, 64, 256)  # numbers of coarse rates of one pole for which programs are compiled
-BUDGET = 600_000  # cells evaluated after the first two arcs, and half as many with each further
-LEAST_BUDGET = 150_000
+BUDGET = 600_000  # most cells evaluated with the third arc; half as many with each further one
+LEAST_BUDGET = 150_000  # but no fewer
 MIN_KEPT = 2000  # cells divided at each level
 MARGIN = 150.0  # nats below the best at which cells are dropped
 STATES, CELLS, LEVEL, EVALUATED = "states", "cells", "level", "evaluated"  # in a checkpoint
@@ -251,8 +251,9 @@ class Grid:
 
         def one(k: int, rows: NDArray[np.int64]) -> None:
             used, index = np.unique(self.index(rate[rows]), return_inverse=True)
-            coarse = self.coarse[np.resize(used, _at_least(used.size, SIZES))]
-            tables = _tables(self.series, self.arcs, self.poles[k], coarse, used.size, n_arcs)
+            padded = np.resize(used, next((s for s in SIZES if s >= used.size), used.size))
+            pairs = self.poles[k], self.coarse[padded], used.size, n_arcs
+            tables = _tables(self.series, self.arcs, *pairs)
             for start in range(0, rows.size, BLOCK):
                 part = np.arange(start, min(start + BLOCK, rows.size))
                 padded = np.resize(part, BLOCK if rows.size > 64 else 64)
@@ -340,32 +341,27 @@ class Grid:
 
 
 def _budget(n_arcs: int) -> int:
-    """The most cells evaluated with a number of arcs: the more, the less the best ones change."""
+    """The most cells evaluated with the first arcs: the more arcs, the fewer cells can be best."""
     return max(LEAST_BUDGET, BUDGET >> max(n_arcs - 3, 0))
-
-
-def _at_least(number: int, sizes: tuple[int, ...]) -> int:
-    """The smallest of the sizes that is not below a number, or else the number."""
-    return next((size for size in sizes if size >= number), number)
 
 
 @jax.jit
 def _tables(series: Series, arcs: Arcs, pole: jax.Array, coarse: jax.Array, n_rates, n_arcs):
-    """Normal matrices (n, A, P, P) and vectors (n, A, P) of arcs at coarse rates; the first of
-    each, and zeros for the others."""
+    """Normal matrices (n, A, P, P) and vectors (n, A, P) of the first arcs at the first of the
+    coarse rates (n,); zero elsewhere."""
     rows = series.response(pole, arcs.sun, arcs.obs)
-    size, n, arc_number = series.size, len(coarse), len(arcs.middle)
+    each = len(coarse), len(arcs.middle), series.size
 
-    def one(i, tables):
-        rate, arc = i // n_arcs, i % n_arcs
+    def filled(i, tables):
+        matrices, vectors = tables
+        rate, arc = jnp.divmod(i, n_arcs)
         response = Response(rows.cosine[arc], rows.sine[arc])
         design = series.turned(response, coarse[rate] * arcs.dt[arc]) * arcs.weight[arc, :, None]
-        matrices, vectors = tables
         matrices = matrices.at[rate, arc].set(design.T @ design)
         return matrices, vectors.at[rate, arc].set(arcs.white[arc] @ design)
 
-    empty = jnp.zeros((n, arc_number, size, size)), jnp.zeros((n, arc_number, size))
-    return jax.lax.fori_loop(0, n_rates * n_arcs, one, empty)
+    empty = jnp.zeros((*each, series.size)), jnp.zeros(each)
+    return jax.lax.fori_loop(0, n_rates * n_arcs, filled, empty)
 
 
 @jax.jit

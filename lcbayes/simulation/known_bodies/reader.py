@@ -28,6 +28,7 @@ from lcbayes.simulation.scenarios.parts import MESH, read_parts
 
 OF_SCENARIOS = ("attitude", "geometry", "noise", "output")
 """Tables that a file may have as a scenario, and that do not describe the body."""
+UNNAMED = "the body's file"  # with which messages about a text begin
 FACTORS = (1.0 + 1e-9, 1e3)  # range of the factor of a log-normal prior
 
 
@@ -92,24 +93,23 @@ def body_text(body: str) -> str:
         path = named[body]
     read_toml(path)  # for its errors, which name the file
     text = path.read_text(encoding="utf-8-sig").rstrip() + "\n"
-    read_body_text(text, name=str(path))  # for the same reason
+    try:
+        read_body_text(text, None)
+    except InputError as fault:
+        raise InputError(str(fault).replace(UNNAMED, printable(path), 1)) from None
     return text
 
 
 @lru_cache(maxsize=32)
-def read_body_text(
-    text: str, tolerance: float | None = None, name: str = "the body's file"
-) -> BodyFile:
+def read_body_text(text: str, tolerance: float | None = None) -> BodyFile:
     """The body of a TOML text, from `body_text`, to a tolerance of its own or a given one.
-
-    Messages begin with ``name``.
 
     Raises
     ------
     InputError
         If a value is invalid; the message gives line, table, key and the expected value.
     """
-    root = parse_toml(text, name)
+    root = parse_toml(text, UNNAMED)
     title = root.text("title", "a body of known shape")
     materials, priors = _materials(root)
     table = root.table("body")
@@ -152,7 +152,7 @@ def with_shadows(
     tolerance : float, optional
         Of the flux of curved parts, over its maximum. Default: that of the file.
     """
-    root = parse_toml(text, "the body's file")
+    root = parse_toml(text, UNNAMED)
     materials, _ = _materials(root)
     table = root.table("body")
     _sizes(table)

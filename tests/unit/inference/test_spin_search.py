@@ -103,10 +103,15 @@ def test_the_evidence_is_that_of_a_gaussian_field():
         design = rng.normal(size=(15, 6))
         information = design.T @ design + np.diag(prior)
         ours.append(float(log_evidence(jnp.asarray(information), jnp.asarray(design.T @ y))))
-        covariance = np.eye(15) + design / prior @ design.T
-        log_det = np.linalg.slogdet(covariance)[1]
-        dense.append(-0.5 * y @ np.linalg.solve(covariance, y) - 0.5 * log_det)
+        dense.append(log_density(y, design, prior))
     assert np.allclose(np.diff(ours), np.diff(dense), rtol=0, atol=1e-10)
+
+
+def log_density(y: np.ndarray, design: np.ndarray, prior: np.ndarray) -> float:
+    """ln N(y; 0, I + A S Aᵀ) up to a constant, with A the design and S⁻¹ = diag(prior)."""
+    covariance = np.eye(len(y)) + design / prior @ design.T
+    log_det = np.linalg.slogdet(covariance)[1]
+    return -0.5 * y @ np.linalg.solve(covariance, y) - 0.5 * log_det
 
 
 @pytest.mark.parametrize("n_arcs", [1, 2])
@@ -122,10 +127,8 @@ def test_scores_of_some_cells_are_the_evidence_of_the_arcs_in_use(grid: Grid, n_
         rows = grid.series.response(jnp.asarray(grid.poles[k]), arcs.sun, arcs.obs)
         turned = grid.series.turned(rows, w * (arcs.middle[:, None] + arcs.dt))
         design = np.asarray(turned * arcs.weight[..., None])[:n_arcs].reshape(-1, grid.series.size)
-        y = np.asarray(arcs.white)[:n_arcs].ravel()
-        covariance = np.eye(len(y)) + design / grid.prior @ design.T
-        log_det = np.linalg.slogdet(covariance)[1]
-        dense.append(-0.5 * y @ np.linalg.solve(covariance, y) - 0.5 * log_det)
+        white = np.asarray(arcs.white)[:n_arcs].ravel()
+        dense.append(log_density(white, design, grid.prior))
     assert np.ptp(dense) > 10.0
     assert np.allclose(np.diff(ours), np.diff(dense), rtol=0, atol=1e-6)
 
