@@ -25,7 +25,8 @@ from lcbayes.analysis.numerals import duration, percent, show
 from lcbayes.analysis.pages import environment
 from lcbayes.geometry.times import date
 from lcbayes.results.asteroid import tilt_warning
-from lcbayes.results.reasons import agreement, measured_faults, searched, stored
+from lcbayes.results.reasons import agreement, searched, stored
+from lcbayes.results.small_faults import measured_faults
 
 MOST_MODES = 3  # solutions drawn in full; the others are listed
 

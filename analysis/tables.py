@@ -14,7 +14,8 @@ from lcbayes.data.segments import PASS
 from lcbayes.geometry.spherical import lon_lat_deg
 from lcbayes.geometry.times import date
 from lcbayes.results.asteroid import QUANTITIES
-from lcbayes.results.reasons import FAULTS, name_of_test, p_words
+from lcbayes.results.reasons import name_of_test, p_words
+from lcbayes.results.small_faults import FAULTS
 
 LONG = 24  # rows from which a group is collapsed
 

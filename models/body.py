@@ -20,13 +20,13 @@ from lcbayes.inference.body_search.surface import Surface
 from lcbayes.inference.label_switching import AttitudeOrder
 from lcbayes.inference.spin_search.allowed import Allowed
 from lcbayes.inference.spin_search.drift import Drift
-from lcbayes.modelling import body_expansion, body_motion, likelihood, nuisances, variables
-from lcbayes.modelling.body_expansion import BodyExpansion
+from lcbayes.modelling import body_expansion, body_motion, likelihood, nuisances, zero_points
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.expansion import likely_draws
 from lcbayes.modelling.known_spin import MIN_BISECTOR, KnownSpin, RatePrior
 from lcbayes.modelling.problem import LIT, OBS, SUN, TRACING, Coordinates, Problem, compiled
 from lcbayes.modelling.spin_coordinates import rate_and_direction
+from lcbayes.modelling.variables import albedo_area
 from lcbayes.physics import photometry
 from lcbayes.simulation.known_bodies import reflectances
 from lcbayes.simulation.known_bodies.body import KnownBody
@@ -71,8 +71,8 @@ def model(
     noise_law: likelihood.Law = "gaussian",
     scatter: float = 0.0,
     correlated_noise: bool = False,
-    zero_point_sd: float = nuisances.ZERO_POINT_SD,
-    zero_point_spread: float = nuisances.ZERO_POINT_SPREAD,
+    zero_point_sd: float = zero_points.SD,
+    zero_point_spread: float = zero_points.SPREAD,
     clock_sd: float = nuisances.CLOCK_SD,
     rate_drift_sd: float = nuisances.RATE_DRIFT_SD,
 ):
@@ -125,12 +125,12 @@ def model(
     total = sum(areas.values())
     size = _size(total, scale_sd) if data.calibrated and scale_sd else jnp.ones(())
     for name, area in areas.items():
-        numpyro.deterministic(variables.albedo_area(name), size * area)
+        numpyro.deterministic(albedo_area(name), size * area)
 
     sun, obs = turned(data.t)
     numpyro.deterministic(SUN, sun)
     numpyro.deterministic(OBS, obs)
-    if isinstance(data.expansion, BodyExpansion):
+    if isinstance(data.expansion, body_expansion.BodyExpansion):
         near = _near(motion, data.expansion.middle, known, spin)
         shape = reflectances.shape_of(file, values, sizes)
         weights = reflectances.weights(file, values)
@@ -142,7 +142,7 @@ def model(
             if lit is not None:
                 numpyro.deterministic(LIT, lit)
         flux = _light(data, known, turned, values, sizes, shadows, lit)
-    zero_point = nuisances.ZeroPointPrior(zero_point_sd, zero_point_spread)
+    zero_point = zero_points.Prior(zero_point_sd, zero_point_spread)
     likelihood.observe(data, size * flux, noise_law, scatter, False, zero_point, correlated_noise)
 
 
@@ -431,7 +431,7 @@ def guide(problem, data: Epochs, **options):
         few = jax.eval_shape(parts, z)[0].size
         number = body_expansion.FITTED * body_expansion.number_of_monomials(few)
         drawn = likely_draws(z, jnp.linalg.cholesky(information), number)
-        expansion = BodyExpansion.of(middle, *jax.lax.map(parts, drawn))
+        expansion = body_expansion.BodyExpansion.of(middle, *jax.lax.map(parts, drawn))
         return replace(epochs, expansion=expansion)
 
     def at(z: np.ndarray) -> Epochs:

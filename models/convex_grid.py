@@ -17,7 +17,7 @@ from numpyro.distributions.transforms import (
 
 from lcbayes.core.constants import HOUR_S
 from lcbayes.core.jax_setup import jax, jnp
-from lcbayes.modelling import likelihood, nuisances, priors
+from lcbayes.modelling import likelihood, priors, zero_points
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.expansion import Expansion, likely_draws
 from lcbayes.modelling.moments import MomentCoordinates
@@ -139,7 +139,7 @@ def model(
         flux = data.expansion(_motion(pole, shift, data.expansion.axes), SPHERE * share, lambert)
     else:
         flux = _light(data, normals, pole, period_s, SPHERE * share, lambert)
-    zero_point = nuisances.ZeroPointPrior(zero_point_sd)
+    zero_point = zero_points.Prior(zero_point_sd)
     flux = surface * size * flux
     likelihood.observe(data, flux, noise_law, scatter, False, zero_point, correlated_noise)
 

@@ -4,7 +4,7 @@ from typing import Literal
 
 import numpyro
 
-from lcbayes.modelling import likelihood, nuisances, nutation, priors
+from lcbayes.modelling import likelihood, nuisances, nutation, priors, zero_points
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.known_spin import KnownSpin
 from lcbayes.modelling.problem import Coordinates
@@ -44,8 +44,8 @@ def model(
     noise_law: likelihood.Law = "gaussian",
     scatter: float = 0.0,
     correlated_noise: bool = False,
-    zero_point_sd: float = nuisances.ZERO_POINT_SD,
-    zero_point_spread: float = nuisances.ZERO_POINT_SPREAD,
+    zero_point_sd: float = zero_points.SD,
+    zero_point_spread: float = zero_points.SPREAD,
     clock_sd: float = nuisances.CLOCK_SD,
     rate_drift_sd: float = nuisances.RATE_DRIFT_SD,
     nutation_sd: float = nutation.SD_DEG,
@@ -120,7 +120,7 @@ def model(
     numpyro.deterministic("obs_body", obs)
     priors.visibility_prior(sun, obs, normals)
     mean, wobble = nuisances.expected(data, turned, seen, spin, nutation_sd, nutation_ratio)
-    zero_point = nuisances.ZeroPointPrior(zero_point_sd, zero_point_spread)
+    zero_point = zero_points.Prior(zero_point_sd, zero_point_spread)
     likelihood.observe(data, mean, noise_law, scatter, False, zero_point, correlated_noise, wobble)
 
 

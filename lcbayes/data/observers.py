@@ -111,12 +111,18 @@ class Calibrations(NamedTuple):
         Name of each group.
     first, last : (G,) s
         Times of the first and the last point of each group.
+    series : (G,) int
+        Series of each group: one curve and observer, in any night. 0 if they have no names.
+    series_names : tuple of str
+        Name of each series; none unless there are several series, of which one has several nights.
     """
 
     index: Index
     names: tuple[str, ...]
     first: Floats
     last: Floats
+    series: Index
+    series_names: tuple[str, ...]
 
 
 def calibrations(curve: LightCurve, seen_by: Observers) -> Calibrations:
@@ -137,7 +143,7 @@ def calibrations(curve: LightCurve, seen_by: Observers) -> Calibrations:
     needed = np.flatnonzero(~(alone & curve.free_scale[of_curve]))
     if needed.size < 2:
         none = np.zeros(0)
-        return Calibrations(np.full(curve.n_obs, -1), (), none, none)
+        return Calibrations(np.full(curve.n_obs, -1), (), none, none, none.astype(np.int64), ())
     number = np.full(group.max() + 1, -1)
     number[needed] = np.arange(needed.size)
     rows = [np.flatnonzero(group == g) for g in needed]
@@ -146,7 +152,11 @@ def calibrations(curve: LightCurve, seen_by: Observers) -> Calibrations:
         _name(curve, seen_by, int(r[0]), night) for r, night in zip(rows, nights, strict=True)
     )
     begin, end = (np.array([f(curve.t[r]) for r in rows]) for f in (np.min, np.max))
-    return Calibrations(number[group], names, begin, end)
+    _, its_first, own = np.unique(series[first][needed], return_index=True, return_inverse=True)
+    series_names = tuple(_name(curve, seen_by, int(rows[g][0]), 0) for g in its_first)
+    if not 1 < len(series_names) < needed.size:
+        own, series_names = np.zeros_like(own), ()
+    return Calibrations(number[group], names, begin, end, own, series_names)
 
 
 def _nights(series: Index, needed: Index) -> list[int]:
@@ -167,10 +177,31 @@ def _name(curve: LightCurve, seen_by: Observers, row: int, night: int) -> str:
     return ", ".join(p for p in parts if p)
 
 
-def matched(
-    wanted: LightCurve, times: Floats, fitted: LightCurve
-) -> tuple[Index, Index, Observers, Calibrations]:
-    """Observer and calibration of the points of a curve among those of the fitted curve.
+class Matched(NamedTuple):
+    """Observers and calibrations of the points of a curve among those of the fitted curve.
+
+    Attributes
+    ----------
+    observer : (T,) int
+        The number of observers denotes another one.
+    calibration : (T,) int
+        The number of calibrations denotes another one, −1 none. A point of another curve belongs
+        to the calibration of the same curve and observer in the same night.
+    series : (T,) int
+        The number of series denotes another one.
+    observers, calibrations
+        Those of the fitted curve.
+    """
+
+    observer: Index
+    calibration: Index
+    series: Index
+    observers: Observers
+    calibrations: Calibrations
+
+
+def matched(wanted: LightCurve, times: Floats, fitted: LightCurve) -> Matched:
+    """The observers and calibrations of a curve.
 
     Parameters
     ----------
@@ -178,34 +209,28 @@ def matched(
     times : (T,) s
         Times of ``wanted`` on the time axis of ``fitted.t``.
     fitted : LightCurve
-
-    Returns
-    -------
-    observer : (T,) int
-        The number of observers denotes another one.
-    calibration : (T,) int
-        The number of calibrations denotes another one, −1 none. A point of another curve belongs
-        to the calibration of the same curve and observer in the same night.
-    observers, calibrations
-        Those of the fitted curve.
     """
     known = observers(fitted)
     groups = calibrations(fitted, known)
+    n_series = len(groups.series_names)
     if wanted is fitted:
-        return known.index, groups.index, known, groups
+        series = np.append(groups.series, n_series)[groups.index]
+        return Matched(known.index, groups.index, series, known, groups)
     names = {name: i for i, name in enumerate(known.names)}
     if known.source == "directions":
         names = {}
     observer = np.array([names.get(str(s), len(known.names)) for s in wanted.site], np.int64)
     calibration = np.full(wanted.n_obs, len(groups.names) if groups.names else -1, np.int64)
+    series = np.full(wanted.n_obs, n_series, np.int64)
     labels = np.array(wanted.curve_names)[wanted.curve]
     for g in range(len(groups.names)):
         row = int(np.flatnonzero(groups.index == g)[0])
         name = fitted.curve_names[fitted.curve[row]]
         near = (times > groups.first[g] - NIGHT_GAP_S) & (times < groups.last[g] + NIGHT_GAP_S)
-        same = (labels == name) | (fitted.n_curves == 1)
-        calibration[near & same & (observer == known.index[row])] = g
-    return observer, calibration, known, groups
+        same = ((labels == name) | (fitted.n_curves == 1)) & (observer == known.index[row])
+        calibration[near & same] = g
+        series[same] = groups.series[g]
+    return Matched(observer, calibration, series, known, groups)
 
 
 class Nights(NamedTuple):

@@ -84,9 +84,11 @@ class Alternative:
 def names_of(curve: LightCurve) -> dict[str, tuple[str, ...]]:
     """Names of observers, calibrations and curves, as `alternatives` expects them."""
     seen_by = observers(curve)
+    groups = calibrations(curve, seen_by)
     return {
         "observers": seen_by.names,
-        "calibrations": calibrations(curve, seen_by).names,
+        "calibrations": groups.names,
+        "series": groups.series_names,
         "curves": curve.dated_titles,
         "apparitions": _dated_apparitions(curve),
     }

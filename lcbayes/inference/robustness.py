@@ -28,8 +28,15 @@ Floats = NDArray[np.float64]
 CLOCK_S, ZERO_POINT_MAG, DRIFT_PERCENT = 0.1, 0.03, 1.0
 SITE_KM, ALONG_TRACK_KM = 0.1, 1.0  # elements lose about 1 km along the track in a day
 ERROR_FACTOR = 1.4
-# meant to move
-NUISANCES = ("zero_point", "calibration", "clock_offset", "rate_drift", "nutation")
+NUISANCES = (  # meant to move
+    "zero_point",
+    "series_zero_point",
+    "calibration",
+    "series_sd",
+    "clock_offset",
+    "rate_drift",
+    "nutation",
+)
 FAULTS = (
     "shadows",
     "clock_0.1_s",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from lcbayes.core.constants import DAY_S, SOLAR_FLUX_VISIBLE
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.data import earth_shadow
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.data.observers import direction_rates, matched, matched_nights, observers
+from lcbayes.data.observers import Matched, direction_rates, matched, matched_nights, observers
 from lcbayes.data.segments import PASS, pass_numbers, split
 from lcbayes.geometry import earth
 from lcbayes.geometry.times import seconds_between
@@ -87,9 +88,13 @@ class Epochs:
     night : (T,) int
         Index of the night among those of the fitted curve; ``n_nights`` for any other, −1 for a
         point that shares no fault of the motion with others.
-    calibrated_together, segments, nights : Passes
-        Points grouped by zero point, by pass of one observer, and by night of any observer, in the
-        same form as ``passes``. For nights, ``elapsed`` is the time since the middle, s.
+    series : (T,) int
+        Index of the series whose nights share a part of their zero points; ``n_series`` for any
+        other. See `lcbayes.data.observers`.
+    calibrated_together, series_together, segments, nights : Passes
+        Points grouped by zero point, by series, by pass of one observer, and by night of any
+        observer, in the same form as ``passes``. For nights, ``elapsed`` is the time since the
+        middle, s.
     longest_night : s
     t_step : s
         Median time step within the passes of the fitted curve.
@@ -107,9 +112,9 @@ class Epochs:
         Whether the group's brightness carries an unknown factor.
     n_sites, n_members : int
         Numbers of sites and groups of the fitted curve.
-    n_observers, n_calibrations, n_segments, n_nights : int
-        Numbers of observers, zero points (0 if there is only one), passes and nights of the fitted
-        curve.
+    n_observers, n_calibrations, n_series, n_segments, n_nights : int
+        Numbers of observers, zero points (0 if there is only one), series (0 if nights share no
+        part of their zero points), passes and nights of the fitted curve.
     calibrated : bool
         Whether any group of the fitted curve has a known scale; kept for predictions like
         ``t_middle``.
@@ -144,6 +149,8 @@ class Epochs:
     observer: jax.Array
     calibration: jax.Array
     calibrated_together: Passes
+    series: jax.Array
+    series_together: Passes
     segments: Passes
     night: jax.Array
     nights: Passes
@@ -162,6 +169,7 @@ class Epochs:
     n_members: int = _static(1)
     n_observers: int = _static(1)
     n_calibrations: int = _static(0)
+    n_series: int = _static(0)
     n_segments: int = _static(1)
     n_nights: int = _static(1)
     calibrated: bool = _static(True)
@@ -185,7 +193,6 @@ class Epochs:
         level, noise_unit = _units(curve, dilution, zero_point)
         sites = np.unique(fitted.site)
         has_passes = _has_passes(fitted)
-        observer, calibration, known, groups = matched(curve, t + fitted.t.min(), fitted)
         nights = matched_nights(t + fitted.t.min(), fitted)
         sun_rate, obs_rate = direction_rates(curve, observers(curve))
         return cls(
@@ -211,9 +218,7 @@ class Epochs:
                 _index(np.array(curve.curve_names)[curve.curve], np.array(fitted.curve_names))
             ),
             passes=Passes.of(curve, fitted) if has_passes else Passes.single(n),
-            observer=jnp.asarray(observer),
-            calibration=jnp.asarray(calibration),
-            calibrated_together=Passes.of_groups(calibration, curve.t),
+            **_observed_by(curve, matched(curve, t + fitted.t.min(), fitted), fitted),
             segments=Passes.of_groups(pass_numbers(curve), curve.t),
             night=jnp.asarray(nights.index),
             nights=Passes.of_groups(nights.index, curve.t)._replace(
@@ -230,9 +235,6 @@ class Epochs:
             free_scale=tuple(bool(x) for x in curve.free_scale),
             n_sites=len(sites),
             n_members=fitted.n_curves,
-            n_observers=len(known.names),
-            n_calibrations=len(groups.names),
-            n_segments=len(split(fitted.t, known.index, PASS)),
             n_nights=nights.number,
             calibrated=not np.all(fitted.free_scale),
             phased=_phased(fitted),
@@ -269,6 +271,22 @@ class Epochs:
             calibration=jnp.full_like(self.calibration, -1),
             night=jnp.full_like(self.night, -1),
         )
+
+
+def _observed_by(curve: LightCurve, among: Matched, fitted: LightCurve) -> dict[str, Any]:
+    """The fields that depend on which points share an observer and a calibration."""
+    known, groups = among.observers, among.calibrations
+    return {
+        "observer": jnp.asarray(among.observer),
+        "calibration": jnp.asarray(among.calibration),
+        "calibrated_together": Passes.of_groups(among.calibration, curve.t),
+        "series": jnp.asarray(among.series),
+        "series_together": Passes.of_groups(among.series, curve.t),
+        "n_observers": len(known.names),
+        "n_calibrations": len(groups.names),
+        "n_series": len(groups.series_names),
+        "n_segments": len(split(fitted.t, known.index, PASS)),
+    }
 
 
 def _phased(curve: LightCurve) -> tuple[int, ...]:

@@ -15,13 +15,12 @@ from numpyro.util import is_prng_key
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
-from lcbayes.modelling import nutation
+from lcbayes.modelling import nutation, zero_points
 from lcbayes.modelling.correlated_noise import ornstein_uhlenbeck
 from lcbayes.modelling.epochs import Epochs
-from lcbayes.modelling.nuisances import ZeroPointPrior, zero_point_response, zero_points
 from lcbayes.modelling.pass_effects import Passes, innovations
 
-NO_ZERO_POINTS = ZeroPointPrior()
+NO_ZERO_POINTS = zero_points.Prior()
 OBSERVED = "brightness"
 FLUX = "flux"
 OUTLIER = "outlier"
@@ -192,7 +191,7 @@ def observe(
     noise: Law = "gaussian",
     scatter_median: float = 0.0,
     passes: bool = False,
-    zero_point: ZeroPointPrior = NO_ZERO_POINTS,
+    zero_point: zero_points.Prior = NO_ZERO_POINTS,
     correlated: bool = False,
     wobble: nutation.Wobble | None = None,
 ) -> None:
@@ -220,8 +219,8 @@ def observe(
         for fluxes. Offset and drift are integrated out: the likelihood of each point is conditional
         on the earlier points of its pass, see `pass_effects.innovations`. ``expected`` excludes
         them. In a mixture, whole passes are outliers.
-    zero_point : ZeroPointPrior
-        Of the zero point of each calibration, if there are several; see `nuisances.zero_points`.
+    zero_point : zero_points.Prior
+        Of the zero point of each calibration, if there are several; see `zero_points`.
         They are integrated out. With ``passes``, whose offsets include them, they are not used.
     correlated : bool
         Whether the noise includes an Ornstein-Uhlenbeck process within each pass, see
@@ -255,12 +254,12 @@ def observe(
         mean, sd = (unit * x for x in innovations(together, *inner, *spreads))
     else:
         columns = None if wobble is None else _brightness(data, flux, scale, wobble.columns)
-        response = zero_point_response(data, mean)
+        response = zero_points.response(data, mean)
         if correlated:
             miss = data.brightness - mean
             miss, response, columns, sd = ornstein_uhlenbeck(data, miss, response, sd, columns)
             mean = data.brightness - miss
-        mean, sd, columns = zero_points(data, mean, sd, response, zero_point, columns)
+        mean, sd, columns = zero_points.given_earlier(data, mean, sd, response, zero_point, columns)
         if wobble is not None and columns is not None:
             mean, sd = nutation.given_earlier(data, mean, sd, columns, wobble.sd)
     if noise == "gaussian":

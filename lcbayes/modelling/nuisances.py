@@ -26,11 +26,10 @@ from lcbayes.modelling import nutation, priors
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.known_spin import KnownSpin
 from lcbayes.modelling.priors import Spin
+from lcbayes.modelling.zero_points import modelled
 from lcbayes.physics import photometry
 from lcbayes.physics.attitude import rotations
 
-ZERO_POINT_SD = 0.03  # mag; between sites and nights of well-calibrated photometry
-ZERO_POINT_SPREAD = 0.7  # sd of its logarithm: 0.01 to 0.1 mag in 90 %
 CLOCK_SD = 0.3  # s; between cameras whose clocks are set by the network
 CLOCK_TAIL = 0.7  # of `heavy_tailed`: one clock in a hundred is late by more than 4 sd
 RATE_DRIFT_SD = 0.01  # relative change of the rate of rotation over the light curve
@@ -42,106 +41,22 @@ UNMODELLED = {
     "nutation_sd": 0.0,
 }
 """Options of a model without these parameters, for the search for solutions."""
+OF_SERIES = "series_zero_point"
 INTEGRATED_OUT = ("zero_point_", "nutation_mean", "nutation_root")
 # beginnings of the names of the moments of what is integrated out, given the data
 
 
-class ZeroPointPrior(NamedTuple):
-    """Zero points are Normal(0, s²), with s ~ LogNormal(ln sd, spread²), mag.
-
-    An unknown s keeps the intervals right where zero points differ by more than expected, and
-    narrow where they agree. With a spread of 0, s is known; with an sd of 0, there are none.
-    """
-
-    sd: float = 0.0
-    spread: float = 0.0
-
-    def width(self) -> jax.Array | float:
-        """s as part of a model: its site is ``calibration_sd``."""
-        if not _on("zero_point_spread", self.spread):
-            return self.sd
-        unit = jnp.asarray(numpyro.sample("calibration_sd_unit", dist.Normal(0.0, 1.0)))
-        width = self.sd * jnp.exp(self.spread * unit)
-        return jnp.asarray(numpyro.deterministic("calibration_sd", width))
-
-
-def zero_points(
-    data: Epochs,
-    mean: jax.Array,
-    sd: jax.Array,
-    h: jax.Array,
-    prior: ZeroPointPrior,
-    columns: jax.Array | None = None,
-) -> tuple[jax.Array, jax.Array, jax.Array | None]:
-    """Mean and standard deviation (T,) of each point given the earlier ones of its calibration.
-
-    The points of a calibration share a zero point z ~ Normal(0, s²), mag, positive if fainter. To
-    first order y_k ~ N(m_k + h_k z, σ_k²), with h = 1 for magnitudes and −0.4 ln 10 m for fluxes.
-    With z integrated out, the joint density of the points is N(m, diag σ² + s² h hᵀ), the product
-    of
-
-        y_k | y_1 … y_(k−1) ~ N(m_k + h_k v_k Σ_{j<k} h_j (y_j − m_j)/σ_j², σ_k² + h_k² v_k),
-        1/v_k = 1/s² + Σ_{j<k} h_j²/σ_j².
-
-    The zero points of the calibrations are independent. That includes their mean, so the size of
-    the body is as uncertain as the calibration. Sites ``zero_point_mean`` and ``zero_point_sd``
-    (G,) are those of z given all points, from which `drawn` draws z.
-
-    Parameters
-    ----------
-    mean, sd : (T,)
-        Predicted brightness without zero points, and the standard deviation of its errors, both
-        given earlier points if the errors are correlated.
-    h : (T,)
-        `zero_point_response`, transformed in the same way.
-    prior : ZeroPointPrior
-    columns : (K, T), optional
-        Further changes of the brightness by unit amounts n. They are returned given earlier points
-        too. ``zero_point_mean`` is then that at n = 0, and falls by ``zero_point_slope`` (G, K)
-        times the n of the night ``zero_point_night`` (G,).
-
-    References
-    ----------
-    Rasmussen & Williams 2006, Gaussian Processes for Machine Learning, sec. 2.7 (basis functions
-    with Gaussian weights, integrated out).
-    """
-    if not _on("zero_point_sd", prior.sd) or not data.n_calibrations:
-        return mean, sd, columns
-    width = prior.width()
-    groups = data.calibrated_together
-    terms = jnp.stack([(h / sd) ** 2, h * (data.brightness - mean) / sd**2])
-    if columns is not None:
-        terms = jnp.concatenate([terms, h * columns / sd**2])
-    before, weighted, *along = groups.before(terms)
-    v = 1.0 / (1.0 / width**2 + before)
-    total = jnp.zeros((len(terms), data.n_calibrations + 1)).at[:, data.calibration]
-    total = total.add(data.information * terms)[:, :-1]
-    whole = 1.0 / (1.0 / width**2 + total[0])
-    numpyro.deterministic("zero_point_mean", whole * total[1])
-    numpyro.deterministic("zero_point_sd", jnp.sqrt(whole))
-    if columns is not None:
-        numpyro.deterministic("zero_point_slope", (whole * total[2:]).T)
-        night = jnp.zeros(data.n_calibrations + 1, int).at[data.calibration].max(data.night)
-        numpyro.deterministic("zero_point_night", night[:-1])
-        columns = columns - h * v * jnp.stack(along)
-    return mean + h * v * weighted, jnp.sqrt(sd**2 + h**2 * v), columns
-
-
-def zero_point_response(data: Epochs, mean: jax.Array) -> jax.Array:
-    """Change of the brightness (T,) per magnitude of its zero point; 0 if it has none."""
-    each = jnp.ones_like(mean) if data.kind == "mag" else -0.4 * jnp.log(10.0) * mean
-    return jnp.where(data.calibration < 0, 0.0, each)
-
-
 class Faults(NamedTuple):
-    """Draws of what a model integrates out: (..., G) mag and (..., nights, 4) deg."""
+    """Draws of what a model integrates out: zero points (..., G) and their parts of series (..., S)
+    in mag, and nutation (..., nights, 4) in deg."""
 
     zero_point: Any
+    of_series: Any
     nutation: Any
 
 
 def jointly(sites: Mapping[str, Any], normal: Callable[[str], Any]) -> Faults:
-    """Draws given the data: of the nutation, and of the zero points given the nutation.
+    """Draws given the data: of the nutation, and of the zero points given what is drawn before.
 
     Parameters
     ----------
@@ -150,7 +65,7 @@ def jointly(sites: Mapping[str, Any], normal: Callable[[str], Any]) -> Faults:
     normal : callable
         Standard normal numbers of the shape of a named site.
     """
-    zero_point = wobble = None
+    zero_point = of_series = wobble = None
     if "nutation_mean" in sites:
         root = sites["nutation_root"]
         wobble = sites["nutation_mean"] + (root @ normal("nutation_mean")[..., None])[..., 0]
@@ -159,13 +74,22 @@ def jointly(sites: Mapping[str, Any], normal: Callable[[str], Any]) -> Faults:
         if wobble is not None:
             night = (sites["zero_point_night"][..., None] == np.arange(wobble.shape[-2])) * 1.0
             mean = mean - (sites["zero_point_slope"] * (night @ wobble)).sum(axis=-1)
+        if "zero_point_series_mean" in sites:
+            of_series = sites["zero_point_series_mean"]
+            sd = sites["zero_point_series_sd"]
+            of_series = of_series + sd * normal("zero_point_series_mean")
+            own = sites["zero_point_series"][..., None] == np.arange(of_series.shape[-1])
+            own = ((own * 1.0) @ of_series[..., None])[..., 0]
+            mean = mean + (1.0 - sites["zero_point_share"]) * own
         zero_point = mean + sites["zero_point_sd"] * normal("zero_point_mean")
-    return Faults(zero_point, wobble)
+    return Faults(zero_point, of_series, wobble)
 
 
 def drawn_jointly(sites: Mapping[str, jax.Array], key: jax.Array) -> Faults:
     """`jointly` with a key of JAX."""
-    keys = {"zero_point_mean": key, "nutation_mean": jax.random.fold_in(key, 1)}
+    further = ("nutation_mean", "zero_point_series_mean")
+    keys = {name: jax.random.fold_in(key, k) for k, name in enumerate(further, 1)}
+    keys["zero_point_mean"] = key
     return jointly(sites, lambda name: jax.random.normal(keys[name], sites[name].shape))
 
 
@@ -179,6 +103,8 @@ def drawn(draws: Mapping[str, NDArray], rng: np.random.Generator) -> dict[str, N
     faults = jointly(draws, lambda name: rng.standard_normal(np.shape(draws[name])))
     if faults.zero_point is not None:
         completed["zero_point"] = faults.zero_point
+    if faults.of_series is not None:
+        completed[OF_SERIES] = faults.of_series
     if faults.nutation is not None:
         completed[nutation.AMOUNTS] = faults.nutation
         angle = np.sqrt(0.5 * np.sum(faults.nutation**2, axis=-1))
@@ -203,7 +129,7 @@ def clock_offsets(data: Epochs, sd: float = CLOCK_SD) -> jax.Array | None:
 
 
 def _clocks_differ(data: Epochs, sd: float) -> bool:
-    return _on("clock_sd", sd) and data.n_observers > 1
+    return modelled("clock_sd", sd) and data.n_observers > 1
 
 
 def late(data: Epochs, offsets: jax.Array | None) -> jax.Array | None:
@@ -273,7 +199,7 @@ def rate_drift(data: Epochs, rate: jax.Array, sd: float = RATE_DRIFT_SD) -> jax.
     phase in the middle moves by φ = ε ω T/8. A change that moves it by whole turns would make every
     count of turns between passes possible: ε is Normal of sd/√(1 + (sd ω T/8φ₀)²), φ₀ = 1 rad.
     """
-    if not _on("rate_drift_sd", sd) or data.n_segments < 2:
+    if not modelled("rate_drift_sd", sd) or data.n_segments < 2:
         return None
     unit = jnp.asarray(numpyro.sample("rate_drift_unit", dist.Normal(0.0, 1.0)))
     drift = unit * rate_drift_scale(data.t_span, rate, sd)
@@ -437,9 +363,3 @@ def moved(data: Epochs, late: jax.Array | None) -> Epochs:
 def _moved(direction: jax.Array, step: jax.Array) -> jax.Array:
     moved = direction + step
     return moved / jnp.linalg.norm(moved, axis=-1, keepdims=True)
-
-
-def _on(name: str, sd: float) -> bool:
-    if not sd >= 0:
-        raise InputError(f"{name} is {sd}; give a standard deviation > 0, or 0 for none")
-    return sd > 0

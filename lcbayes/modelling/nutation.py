@@ -29,6 +29,7 @@ import numpyro.distributions as dist
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.modelling import pass_effects
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.physics.attitude.rotations import cross
 
@@ -147,7 +148,7 @@ def given_earlier(
     """Mean and standard deviation (T,) of each point given the earlier ones of its night.
 
     y ~ Normal(m + Cᵀ n, diag σ²) with n ~ Normal(0, s² I) for each night. The components are
-    integrated out one after another, each as in `nuisances.zero_points`. The sites
+    integrated out one after another, each as in `zero_points.given_earlier`. The sites
     ``nutation_mean`` (nights, 4) and ``nutation_root`` (nights, 4, 4) are the mean of n given all
     points and a root of its covariance, in deg.
 
@@ -160,16 +161,11 @@ def given_earlier(
     prior_sd : float
         s, deg.
     """
-    columns = prior_sd * columns
-    _moments(data, (data.brightness - mean) / sd, columns / sd, prior_sd)
+    _moments(data, (data.brightness - mean) / sd, prior_sd * columns / sd, prior_sd)
     for _ in range(len(columns)):
-        h, columns = columns[0], columns[1:]
-        terms = h / sd**2 * jnp.stack([h, data.brightness - mean, *columns])
-        information, weighted, *rest = data.nights.before(terms)
-        v = 1.0 / (1.0 + information)
-        if rest:
-            columns = columns - h * v * jnp.stack(rest)
-        mean, sd = mean + h * v * weighted, jnp.sqrt(sd**2 + h**2 * v)
+        mean, sd, columns, _ = pass_effects.given_earlier(
+            data.nights, data.brightness, mean, sd, columns, prior_sd
+        )
     return mean, sd
 
 

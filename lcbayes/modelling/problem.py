@@ -18,9 +18,10 @@ from numpyro.distributions.transforms import Transform
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.modelling import zero_points
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import FLUX, OBSERVED, Contaminated, Law
-from lcbayes.modelling.nuisances import drawn_jointly, zero_point_response
+from lcbayes.modelling.nuisances import drawn_jointly
 from lcbayes.modelling.nutation import RESPONSE
 from lcbayes.modelling.priors import UniformDirection
 from lcbayes.modelling.sites import reaching, sites_and_supports, zeros
@@ -319,7 +320,7 @@ class Problem:
         if faults.zero_point is None:
             return drawn
         each = jnp.append(faults.zero_point, 0.0)[data.calibration]
-        return drawn + zero_point_response(data, _moments(site).mean) * each
+        return drawn + zero_points.response(data, _moments(site).mean) * each
 
     @_once
     def fisher(self, z: jax.Array, data: Epochs) -> jax.Array:

@@ -7,7 +7,8 @@ from collections.abc import Collection
 import numpy as np
 import xarray as xr
 
-GROUPS = ("observer", "calibration", "curve", "phase_law")  # axes with names as coordinates
+# Axes with names as coordinates
+GROUPS = ("observer", "calibration", "series", "curve", "phase_law")
 CARRIERS = frozenset(
     {
         "normals",
@@ -31,12 +32,17 @@ CARRIERS = frozenset(
         "zero_point_sd",
         "zero_point_slope",
         "zero_point_night",
+        "zero_point_share",
+        "zero_point_series",
+        "zero_point_series_mean",
+        "zero_point_series_sd",
         "nutation",
         "nutation_mean",
         "nutation_root",
         "nutation_response",
         "nutation_ratio_unit",
         "calibration_sd_unit",
+        "series_sd_unit",
         "clock_offset_unit",
         "rate_drift_unit",
         "rate_unit",
@@ -91,7 +97,9 @@ UNITS = {
     "period_h": "h",
     "extinction": "mag",
     "zero_point": "mag",
+    "series_zero_point": "mag",
     "calibration_sd": "mag",
+    "series_sd": "mag",
     "clock_offset": "s",
 }
 ENDINGS = {

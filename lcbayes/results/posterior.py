@@ -73,6 +73,7 @@ AXES: dict[str, tuple[str, ...]] = {
     "member_offset": ("member",),
     "site_offset": ("site",),
     "zero_point": ("calibration",),
+    "series_zero_point": ("series",),
     "clock_offset": ("observer",),
     "nutation": ("night", "nutation_component"),
     "log_nu": ("facet",),
@@ -204,7 +205,7 @@ def _with_names(draws: xr.Dataset, curve: LightCurve, data: Epochs) -> xr.Datase
     names, titles = names_of(curve), curve.curve_titles
     laws = ["calibrated curves"] if data.calibrated else []
     laws += [titles[k] for k in data.phased]
-    every = (names["observers"], names["calibrations"], titles, laws)
+    every = (names["observers"], names["calibrations"], names["series"], titles, laws)
     given = zip(GROUPS, map(list, every), strict=True)
     return draws.assign_coords({k: v for k, v in given if k in draws.dims})
 

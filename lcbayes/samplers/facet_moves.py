@@ -31,6 +31,7 @@ from jax.flatten_util import ravel_pytree
 from jax.scipy.linalg import solve_triangular
 
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.modelling import zero_points
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.priors import SOFTNESS
 from lcbayes.modelling.problem import Problem
@@ -182,7 +183,7 @@ class FacetMoves:
     scale : (T,)
         One over these errors; 0 for a point without information.
     zero : (G, T)
-        Change of ``flux`` by each zero point, in units of its prior sd.
+        Change of ``flux`` by zero points, for independent numbers of unit prior sd.
     problem : Problem
     law : reflectance
     log_area_mean, log_area_sd : prior of ln(area)
@@ -212,8 +213,9 @@ class FacetMoves:
         flux, error = data.as_flux()
         scale = np.where(np.isfinite(error), np.sqrt(data.information), 0.0) / error
         groups = np.arange(data.n_calibrations if zero_point_sd > 0 else 0)
+        root = zero_points.root(data) if groups.size else np.zeros((0, 0))
         zero = (np.asarray(data.calibration) == groups[:, None]) * scale * flux
-        zero = 0.4 * np.log(10.0) * zero_point_sd * zero
+        zero = 0.4 * np.log(10.0) * zero_point_sd * root.T @ zero
         flux, scale, zero = (jnp.asarray(x) for x in (scale * flux, scale, zero))
         return cls(flux, scale, zero, problem, law, log_mean, log_sd)
 

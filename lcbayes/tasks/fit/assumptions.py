@@ -14,6 +14,7 @@ from lcbayes.modelling.ephemeris import velocity_direction_sd_deg
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.known_spin import KnownSpin, bisector_rate
 from lcbayes.modelling.registry import Entry
+from lcbayes.modelling.zero_points import SHARED
 from lcbayes.physics.photometry import SUN_MAGNITUDE
 from lcbayes.simulation.known_bodies.reader import body_text, described, read_body_text
 
@@ -111,11 +112,17 @@ def _of_faults(curve: LightCurve, values: Mapping[str, Any], *, drifting: bool) 
     several = len(seen_by.names) > 1
     if groups.names:
         sd, spread = (values.get(f"zero_point_{k}", 0.0) for k in ("sd", "spread"))
+        nutates = bool(values.get("nutation_ratio", 0.0))
+        common = (
+            f" {100 * SHARED:.0f} % of this variance is common to all nights of a site."
+            if groups.series_names and not nutates
+            else ""
+        )
         about, inferred = ("about ", "; by how much is inferred") if spread else ("", "")
         listed = f"{len(groups.names)} sites and nights" if several else "several nights"
         yield (
             f"The zero points of {listed} are uncertain by {about}{sd:g} mag each "
-            f"(zero_point_sd){inferred}."
+            f"(zero_point_sd){inferred}.{common}"
             if sd
             else f"The zero points of {listed} agree."
         )

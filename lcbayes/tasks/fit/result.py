@@ -31,16 +31,10 @@ from lcbayes.results.content import BodyContent, FitContent, ParameterContent
 from lcbayes.results.light_curve import load_light_curve
 from lcbayes.results.load import open_posterior
 from lcbayes.results.posterior import save_tree
-from lcbayes.results.reasons import (
-    agreement,
-    measured_faults,
-    other_spins,
-    residual_pattern,
-    rests_on,
-    searched,
-)
+from lcbayes.results.reasons import agreement, other_spins, residual_pattern, searched
 from lcbayes.results.record import Record
 from lcbayes.results.result import Result
+from lcbayes.results.small_faults import measured_faults, rests_on
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -17,8 +17,10 @@ from lcbayes.modelling import registry
 from lcbayes.modelling.ephemeris import with_velocity
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import PASS_SPREADS, STUDENT_T_DF, expected
+from lcbayes.modelling.nuisances import OF_SERIES
 from lcbayes.modelling.nutation import AMOUNTS, SD_DEG
 from lcbayes.modelling.problem import Problem
+from lcbayes.modelling.zero_points import SHARED
 
 Floats = NDArray[np.float64]
 QUANTILES = {"q05": 0.05, "q25": 0.25, "q75": 0.75, "q95": 0.95}
@@ -82,10 +84,8 @@ def predicted(
     rng = np.random.default_rng(seed)
     unit_noise = _unit_noise(law, posterior, pick, mean.shape, rng)
     if "zero_point" in posterior:
-        width = np.full(len(pick), noise_law["zero_point_sd"])
-        if "calibration_sd" in posterior:
-            width = posterior["calibration_sd"].values.reshape(-1)[pick]
-        mean = _calibrated(mean, posterior, fitted, wanted, pick, width, rng)
+        typical = noise_law["zero_point_sd"]
+        mean = _calibrated(mean, posterior, fitted, wanted, pick, typical, rng)
     drawn = mean + sd * unit_noise
     name = fitted.kind
     columns = {f"{name}_mean": mean.mean(axis=0)}
@@ -102,15 +102,29 @@ def _calibrated(
     fitted: LightCurve,
     wanted: LightCurve,
     pick: NDArray[np.intp],
-    width: Floats,
+    zero_point_sd: float,
     rng: np.random.Generator,
 ) -> Floats:
-    """The brightness (S, T) with zero points: that of the fitted site and night, or a new one."""
-    known = posterior["zero_point"].values
-    known = known.reshape(-1, known.shape[-1])[pick]
-    new = (width * rng.standard_normal(len(known)))[:, None]
-    each = np.concatenate([known, new, np.zeros((len(known), 1))], axis=1)  # −1: none
-    offset = each[:, np.asarray(Epochs.of(wanted, fitted).calibration)]
+    """The brightness (S, T) with zero points: that of the fitted site and night, or a new one.
+
+    In a new night of a fitted site, the part that all nights of the site share is the fitted one.
+    """
+
+    def drawn(name: str, share: float) -> Floats:
+        known = posterior[name].values.reshape(-1)[pick] if name in posterior else None
+        sd = np.sqrt(share) * zero_point_sd if known is None else known
+        return (sd * rng.standard_normal(len(pick)))[:, None]
+
+    data, shared = Epochs.of(wanted, fitted), OF_SERIES in posterior
+    known = posterior["zero_point"].values.reshape(-1, data.n_calibrations)[pick]
+    new = drawn("calibration_sd", 1.0 - SHARED if shared else 1.0)
+    series = np.asarray(data.series) if shared else np.zeros(wanted.n_obs, int)
+    if shared:
+        own = posterior[OF_SERIES].values.reshape(-1, data.n_series)[pick]
+        new = new + np.concatenate([own, drawn("series_sd", SHARED)], axis=1)
+    calibration = np.asarray(data.calibration)
+    offset = np.pad(known, ((0, 0), (0, 1)))[:, calibration]  # −1: none
+    offset = np.where(calibration == data.n_calibrations, new[:, series], offset)
     return mean + offset if fitted.kind == "mag" else mean * 10.0 ** (-0.4 * offset)
 
 

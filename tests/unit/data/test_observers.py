@@ -71,6 +71,9 @@ def test_zero_points_are_of_one_curve_site_and_night():
     assert result.index.tolist() == [0, 2, 0, 2, 1, 1]
     assert result.names == ("a, night 1", "a, night 2", "b")
     assert result.last.tolist() == [2.0, DAY + 1, 3.0]
+    assert result.series.tolist() == [0, 0, 1]
+    assert result.series_names == ("a", "b")
+    assert calibrations(light.select([0, 1]), observers(light.select([0, 1]))).series_names == ()
     same_night = calibrations(light.select([0, 2]), observers(light.select([0, 2])))
     assert same_night.index.tolist() == [-1, -1]
     assert same_night.names == ()
@@ -92,12 +95,13 @@ def test_an_unknown_scale_of_one_night_is_no_zero_point():
 
 
 def test_other_epochs_find_their_night_and_site():
-    light = curve([0.0, 1.0, DAY, DAY + 1], site=np.array(["a", "a", "b", "b"]))
+    light = curve([0.0, DAY, DAY, DAY + 1], site=np.array(["a", "a", "b", "b"]))
     wanted = curve([100.0, DAY, DAY, 2 * DAY], site=np.array(["a", "b", "c", "a"]))
-    observer, calibration, known, groups = matched(wanted, wanted.t, light)
-    assert observer.tolist() == [0, 1, 2, 0]
-    assert calibration.tolist() == [0, 1, 2, 2]
-    assert (len(known.names), len(groups.names)) == (2, 2)
+    result = matched(wanted, wanted.t, light)
+    assert result.observer.tolist() == [0, 1, 2, 0]
+    assert result.calibration.tolist() == [0, 2, 3, 3]
+    assert result.series.tolist() == [0, 1, 2, 0]
+    assert result.observers.names == result.calibrations.series_names == ("a", "b")
 
 
 def test_rates_are_those_of_one_observer():

@@ -12,7 +12,7 @@ from scipy.stats import johnsonsu, multivariate_normal, norm
 
 from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
-from lcbayes.modelling import nuisances, registry
+from lcbayes.modelling import nuisances, registry, zero_points
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem, compiled
 from tests.helpers import small_faults
@@ -68,6 +68,59 @@ def test_zero_points_are_integrated_out(light, kind):
         assert float(sites["zero_point_mean"][g]) == pytest.approx(want, abs=1e-10)
         want = np.sqrt(0.05**2 - gain @ cross)
         assert float(sites["zero_point_sd"][g]) == pytest.approx(want, rel=1e-8)
+
+
+def test_half_of_the_variance_is_common_to_the_nights_of_a_site():
+    """A has two nights and B one: s²/2 for each night, and s²/2 for each site."""
+    light = small_faults.light_curve(BODY, n=48, spacing_s=86400.0)
+    light = light.select(np.flatnonzero((light.site == "A") | (light.t < 43200.0)))
+    problem, data = problem_of(light, **(ALONE | {"zero_point_sd": 0.05}))
+    plain, _ = problem_of(light, **ALONE)
+    z = at_truth(problem)
+    mean, sd = (np.asarray(x) for x in plain.moments(at_truth(plain), data))
+    h, site, night = -0.4 * np.log(10) * mean, light.site, light.t > 43200.0
+    columns = h * np.array([site == "B", (site == "A") & ~night, (site == "A") & night])
+    prior = 0.05**2 * np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.5], [0.0, 0.5, 1.0]])
+    covariance = np.diag(sd**2) + columns.T @ prior @ columns
+    want = multivariate_normal(mean, covariance)  # pyright: ignore[reportArgumentType]
+    result = float(jnp.sum(problem.log_likelihood(z, data)))
+    assert result == pytest.approx(want.logpdf(light.brightness), abs=1e-8)
+
+    gain = prior @ columns @ np.linalg.inv(covariance)
+    at_mean = nuisances.jointly(problem.constrain(z, data), lambda _: 0.0)
+    order = [1, 2, 0]  # A, night 1; A, night 2; B
+    np.testing.assert_allclose(
+        at_mean.zero_point, (gain @ (light.brightness - mean))[order], atol=1e-10
+    )
+    root = zero_points.root(data)
+    np.testing.assert_allclose(0.05**2 * root @ root.T, prior[np.ix_(order, order)], atol=1e-12)
+    shared = np.array([[0.5, 0.0, 0.0], [0.0, 0.5, 0.5]]) * 0.05**2  # with B, A and A
+    expected = (shared @ columns @ np.linalg.solve(covariance, light.brightness - mean))[::-1]
+    np.testing.assert_allclose(at_mean.of_series, expected, atol=1e-10)
+
+
+def test_sites_that_differ_in_all_nights_do_not_widen_the_nights():
+    """Given ± 0.1 mag at two sites in each of two nights, the width of sites grows alone."""
+    fault = Fault(zero_point=0.2)
+    light = small_faults.light_curve(BODY, fault, n=96, noise=1e-3, spacing_s=86400.0)
+    problem, data = problem_of(light, **(ALONE | {"zero_point_sd": 0.03, "zero_point_spread": 0.7}))
+    unit = np.linspace(-2.5, 4.0, 27)
+    likely = []
+    for name, other in (("series_sd", "calibration_sd"), ("calibration_sd", "series_sd")):
+        sites = {f"{other}_unit": 1.5 if other == "series_sd" else -1.0}
+        z = [at_truth(problem, **sites, **{f"{name}_unit": u}) for u in unit]
+        potential = [float(problem.potential(x, data)) for x in z]
+        at_best = problem.constrain(z[int(np.argmin(potential))], data)
+        likely.append(float(at_best[name]))
+    of_sites, of_nights = likely
+    assert of_nights < 0.03 / np.sqrt(2.0) < 0.05 < of_sites
+
+
+def test_one_site_of_many_nights_has_independent_zero_points():
+    """A part that all points share could not be told from the size of the body."""
+    light = small_faults.light_curve(BODY, n=32, n_sites=1, spacing_s=86400.0)
+    assert Epochs.of(light).n_calibrations == 2
+    assert Epochs.of(light).n_series == 0
 
 
 def test_the_width_of_zero_points_is_log_normal(light):

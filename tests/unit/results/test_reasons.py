@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from lcbayes.core.reasons import Finding, Reason
+from lcbayes.core.reasons import Finding
 from lcbayes.inference.goodness_of_fit import Misfit
 from lcbayes.inference.misfit_tests import Examination, Explanation, ResidualTest
 from lcbayes.inversion.spin import sidereal
@@ -18,11 +18,9 @@ from lcbayes.results.reasons import (
     SENTENCES,
     TESTS,
     condition,
-    measured_faults,
     name_of_test,
     reason,
     reasons,
-    rests_on,
     why,
 )
 
@@ -168,29 +166,3 @@ def test_every_test_of_the_residuals_has_words():
     assert name_of_test("lobe facet 1") == "a weak lobe of facet 1"
     assert name_of_test("zero-point site Calar Alto") == "the zero point of site Calar Alto"
     assert name_of_test("rotational phase") == "the residuals against the rotational phase"
-
-
-def test_small_faults_that_the_data_show_are_named():
-    parameters = {
-        "rate_drift": {"mean": 0.0189, "sd": 0.0017},
-        "clock_offset[site B]": {"mean": -2.0, "sd": 0.1},
-        "clock_offset[site C]": {"mean": 1.0, "sd": 0.2},
-        "zero_point[A, night 2]": {"mean": 0.2, "sd": 0.03},
-        "zero_point[A, night 1]": {"mean": 0.1, "sd": 0.03},
-        "albedo_area[0]": {"mean": 2.0, "sd": 0.1},
-    }
-    head, drift, late, early, faint = measured_faults(parameters, [])
-    assert head.startswith("small faults")
-    assert "grows by 1.89 ± 0.17 % over the light curve; a pass with late times would" in drift
-    # a time that is recorded too late needs a negative offset: see test_nuisances.py
-    assert late == "  the times of site B are 2.00 ± 0.10 s too late"
-    assert early == "  the times of site C are 1.00 ± 0.20 s too early"
-    assert faint == "  A, night 2 is 0.200 ± 0.030 mag fainter than the model"
-    assert measured_faults({"rate_drift": {"mean": 0.001, "sd": 0.0017}}, []) == []
-    assert measured_faults(parameters, [Reason("data-not-explained", "")]) == []
-
-
-def test_a_result_rests_on_quantities_that_are_printed():
-    moved = {"clock_0.1_s": {"attitude[2,1]": 3.0, "log_brightness": 2.0, "size": 0.5, "nu": 0.1}}
-    assert rests_on(moved)[1:] == ["  a clock error of 0.1 s would move size by 0.5 sd"]
-    assert rests_on({"clock_0.1_s": {"attitude[2,1]": 3.0}}) == []

@@ -16,6 +16,7 @@ from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.data.write import write
 from lcbayes.results.posterior import dataset
+from lcbayes.tasks.predict import brightness
 from lcbayes.tasks.predict.brightness import predicted
 from lcbayes.tasks.predict.result import Prediction
 from lcbayes.tasks.predict.run import Fitted, load_fit
@@ -120,6 +121,44 @@ def test_zero_points_are_those_of_the_site_or_drawn_anew():
     columns, _ = predicted(draws, light, other, "faceted", options)
     wider = (columns["flux_q95"] - columns["flux_q05"])[bright] / columns["flux_mean"][bright]
     np.testing.assert_allclose(wider, 2.0 * width, rtol=0.05)
+
+
+def test_a_new_night_has_the_offset_that_its_site_has_in_all_nights():
+    """B is 0.3 mag fainter than A in two nights; the widths are 0.01 of nights, 0.1 of sites."""
+    from tests.helpers import small_faults
+
+    body = small_faults.body(1, 1)
+    light = small_faults.light_curve(body, n=40, noise=1e-3, spacing_s=86400.0)
+    n, fainter = 4000, np.where(light.site == "B", 0.3, 0.0)
+    nights, sites = np.tile([0.0, 0.0, 0.3, 0.3], (1, n, 1)), np.tile([0.0, 0.3], (1, n, 1))
+    draws = xr.Dataset(
+        {
+            "zero_point": (("chain", "draw", "calibration"), nights),
+            "series_zero_point": (("chain", "draw", "series"), sites),
+            "calibration_sd": (("chain", "draw"), np.full((1, n), 0.01)),
+            "series_sd": (("chain", "draw"), np.full((1, n), 0.1)),
+        }
+    )
+    later = replace(light, t=light.t + 10 * 86400.0)
+
+    def magnitudes(wanted):
+        flux = brightness._calibrated(
+            np.ones((n, light.n_obs)),
+            draws,
+            light,
+            wanted,
+            np.arange(n),
+            0.03,
+            np.random.default_rng(0),
+        )
+        return -2.5 * np.log10(flux)
+
+    np.testing.assert_allclose(magnitudes(light), np.tile(fainter, (n, 1)), atol=1e-12)
+    known, other = magnitudes(later), magnitudes(replace(later, site=np.full(light.n_obs, "C")))
+    error = 4.0 / np.sqrt(n)  # in units of the sd: a false alarm of 6e-5 for each mean
+    assert np.abs(known.mean(0) - fainter).max() < 0.01 * error
+    np.testing.assert_allclose(known.std(0), 0.01, rtol=error)
+    np.testing.assert_allclose(other.std(0), np.hypot(0.01, 0.1), rtol=error)
 
 
 def test_free_scales_are_carried_to_the_curve_of_that_name(light):
