@@ -159,6 +159,24 @@ def test_the_motion_is_stated(model, options, said):
         assert any(line.startswith(words) for line in stated), stated
 
 
+@pytest.mark.parametrize(
+    ("sites", "options", "expected"),
+    [
+        ("ABAB", {}, True),
+        ("AAAA", {}, False),
+        ("AABB", {}, False),  # each in one night
+        ("ABAB", {"nutation_ratio": 0.5}, False),
+        ("ABAB", {"zero_point_sd": 0.0}, False),
+    ],
+)
+def test_what_the_nights_of_a_site_share_is_stated(sites, options, expected):
+    t = np.array([0.0, 1.0, 86400.0, 86401.0])
+    curve = small_curves.curve(4, t=t, site=np.array(list(sites)))
+    stated = assumptions(curve, registry.find("faceted"), options)
+    said = "50 % of this variance is common to all nights of a site."
+    assert any(line.endswith(said) for line in stated) == expected, stated
+
+
 @pytest.mark.parametrize(("sd", "said"), [(0.051, "0.583 ± 0.05"), (0.0, "0.583")])
 def test_a_weight_is_printed_with_its_error(sd, said):
     modes = [
