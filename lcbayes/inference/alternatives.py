@@ -130,7 +130,8 @@ def alternatives(
     candidates = [*_calibration(flux, data, names), *_clocks(problem, z, data, names, spin)]
     if spin > 0.0:
         candidates += _drift(problem, z, data, spin)
-        candidates += [] if kinds else _nutation(problem, z, data, sites)
+        if not kinds or "nutation" in kinds:
+            candidates += _nutation(problem, z, data, sites)
     if "period_h" in sites and not kinds:
         apparitions = [*_apparitions(flux, data, names["apparitions"])]
         # one of a single night stands for the zero point of that night
@@ -261,7 +262,7 @@ def _nutation(problem: Problem, z: Floats, data: Epochs, sites: Sites) -> Iterat
     """
     omega = np.asarray(sites["omega"])
     rate = float(np.linalg.norm(omega))
-    if rate == 0.0 or data.n_nights > MAX_NIGHTS:
+    if rate == 0.0 or data.n_nights > MAX_NIGHTS or "inertia" in sites:  # of a torque-free body
         return
     pole = omega / rate
     across = np.stack(facets.across(pole[None])).reshape(2, 3)

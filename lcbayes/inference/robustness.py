@@ -25,7 +25,7 @@ from lcbayes.modelling.variables import label, reported
 
 Floats = NDArray[np.float64]
 
-CLOCK_S, ZERO_POINT_MAG, DRIFT_PERCENT = 0.1, 0.03, 1.0
+CLOCK_S, ZERO_POINT_MAG, DRIFT_PERCENT, NUTATION_DEG = 0.1, 0.03, 1.0, 0.3
 SITE_KM, ALONG_TRACK_KM = 0.1, 1.0  # elements lose about 1 km along the track in a day
 ERROR_FACTOR = 1.4
 NUISANCES = (  # meant to move
@@ -43,6 +43,7 @@ FAULTS = (
     "late_pass_0.1_s",
     "zero_point_0.03_mag",
     "rate_drift_1_percent",
+    "nutation_0.3_deg",
     "errors_1.4_times",
     "site_100_m",
     "elements_1_day",
@@ -59,8 +60,8 @@ class Shifts:
         Names as in ``summary.json``.
     by_fault : mapping
         For each key of `FAULTS` that applies to the data, the shifts (Q,): the largest over the
-        sites, nights and passes that may have the fault. For larger errors it is the growth of
-        the sd.
+        sites, nights and passes that may have the fault, and over the frequencies and phases of
+        nutation. For larger errors it is the growth of the sd.
     """
 
     quantities: tuple[str, ...]
@@ -92,7 +93,7 @@ def shifts(
     moved = gradient @ maker.covariance @ maker.jacobian.T * maker.power  # (Q, T)
     by_fault: dict[str, Floats] = {}
     for fault, columns in _columns(problem, z, data, curve):
-        shift = np.abs(moved @ columns.T).max(axis=1, initial=0.0)
+        shift = np.linalg.norm(moved @ columns.swapaxes(1, 2), axis=2).max(axis=0, initial=0.0)
         by_fault[fault] = np.maximum(by_fault.get(fault, 0.0), shift)
     by_fault["errors_1.4_times"] = _growth(gradient, maker)
     if shadows is not None:
@@ -151,16 +152,21 @@ def _growth(gradient: Floats, maker: Projection) -> Floats:
 def _columns(
     problem: Problem, z: Floats, data: Epochs, curve: LightCurve
 ) -> Iterator[tuple[str, Floats]]:
-    """Each fault with the changes (K, T) of the prediction over its sd."""
+    """Each fault with the changes (V, K, T) of the prediction over its sd.
+
+    V versions of a fault exclude one another; the K amounts of each are the components of a vector
+    of unit length.
+    """
     amounts = {
         "zero-point": ("zero_point_0.03_mag", ZERO_POINT_MAG),
         "clock": ("clock_0.1_s", CLOCK_S),
         "late-pass": ("late_pass_0.1_s", CLOCK_S),
         "rate-drift": ("rate_drift_1_percent", DRIFT_PERCENT),
+        "nutation": ("nutation_0.3_deg", NUTATION_DEG),
     }
     for one in alternatives(problem, z, data, names_of(curve), kinds=tuple(amounts)):
         fault, amount = amounts[one.name]
-        yield fault, amount * one.columns[0]
+        yield fault, amount * one.columns
     if curve.range_km is not None:
         yield from _places(problem, z, data, curve)
 
@@ -189,8 +195,9 @@ def _places(
         for k in range(len(seen_by.names))
         for axis in np.eye(3)
     ]
-    yield "site_100_m", np.array(each)
-    yield "elements_1_day", change(ALONG_TRACK_KM * _track(curve, to_site, seen_by.index))[None]
+    yield "site_100_m", np.array(each)[:, None]
+    ahead = change(ALONG_TRACK_KM * _track(curve, to_site, seen_by.index))
+    yield "elements_1_day", ahead[None, None]
 
 
 def _track(curve: LightCurve, to_site: Floats, observer: NDArray[np.int64]) -> Floats:

@@ -15,6 +15,7 @@ FAULTS = {
     "late_pass_0.1_s": "a clock error of 0.1 s in one pass",
     "zero_point_0.03_mag": "0.03 mag between sites or nights",
     "rate_drift_1_percent": "a rate drift of 1 %",
+    "nutation_0.3_deg": "nutation by 0.3 deg",
     "errors_1.4_times": "errors 1.4 times as large",
     "site_100_m": "100 m of site position",
     "elements_1_day": "elements one day older",

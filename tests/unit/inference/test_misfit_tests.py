@@ -395,6 +395,7 @@ def test_a_result_moves_as_far_as_stated(faceted):
         "late_pass_0.1_s",
         "zero_point_0.03_mag",
         "rate_drift_1_percent",
+        "nutation_0.3_deg",
         "errors_1.4_times",
     }
     assert np.all(result.by_fault["errors_1.4_times"] < 0.41)

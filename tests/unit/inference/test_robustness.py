@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from lcbayes.core.constants import SOLAR_FLUX_VISIBLE
 from lcbayes.data.lightcurve import LightCurve
-from lcbayes.inference import robustness
+from lcbayes.inference import alternatives, robustness
 from lcbayes.inference.solutions import optimum
 from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
@@ -105,6 +106,38 @@ def test_the_shift_is_that_of_a_fit_to_what_is_seen_from_elsewhere(fitted, fault
         orbit, t = passing()
         speed = np.linalg.norm(np.diff(orbit.place(t)[0], axis=0)[0]) / (t[1] - t[0])
         want = shift(fitted, ahead_s=1.0 / speed)
+    np.testing.assert_allclose(stated, want, rtol=0.05)
+
+
+def nutating(light: LightCurve, p, q, ratio: float) -> np.ndarray:
+    """Flux (T,) of the body turned by e = p cos θ + q sin θ in its axes, θ from mid-pass; SciPy."""
+    theta = ratio * np.linalg.norm(BODY.omega) * (light.t - 0.5 * np.ptp(light.t))
+    e = np.cos(theta)[:, None] * p + np.sin(theta)[:, None] * q
+    turn = Rotation.from_rotvec(light.t[:, None] * BODY.omega) * Rotation.from_rotvec(e)
+    mu0, mu = (turn.inv().apply(v) @ BODY.normals.T for v in (light.sun, light.obs))
+    return small_faults.diffuse(mu0, mu) @ BODY.areas
+
+
+def test_the_shift_by_nutation_is_that_of_fits_to_the_worst_phase(monkeypatch):
+    """At a half of the rate, of which 0.3° rms are √2 · 0.3° of amplitude."""
+    monkeypatch.setattr(alternatives, "MAX_FREQUENCIES", 1)
+    light = small_faults.light_curve(BODY, n=N, noise=1e-4, seed=5, n_sites=1, n_passes=1)
+    pole = small_faults.unit(BODY.omega)
+    first = small_faults.unit(np.cross(pole, [0.3, 0.5, 0.8]))
+    axes, none = (first, np.cross(pole, first)), np.zeros(3)
+    exact = replace(light, brightness=nutating(light, none, none, 0.5))
+    problem = Problem(registry.find("faceted").bind({"n_facets": 2}), Epochs.of(exact))
+    z = refit(problem, np.asarray(problem.ravel(BODY.sites)), exact)
+    result = robustness.shifts(problem, z, Epochs.of(exact), exact, dict.fromkeys(QUANTITIES, 1.0))
+    stated = result.by_fault["nutation_0.3_deg"][[result.quantities.index(k) for k in QUANTITIES]]
+    moved, step = [], np.radians(0.03)
+    for p, q in [(axis, none) for axis in axes] + [(none, axis) for axis in axes]:
+        seen = (
+            replace(light, brightness=nutating(light, s * p, s * q, 0.5)) for s in (-step, step)
+        )
+        before, after = (values(problem, refit(problem, z, curve), curve) for curve in seen)
+        moved.append((after - before) / 2.0)
+    want = 10.0 * np.sqrt(2.0) * np.linalg.norm(moved, axis=0)  # in any phase, of 0.3°
     np.testing.assert_allclose(stated, want, rtol=0.05)
 
 
