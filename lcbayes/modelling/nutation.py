@@ -162,11 +162,13 @@ def given_earlier(
         s, deg.
     """
     _moments(data, (data.brightness - mean) / sd, prior_sd * columns / sd, prior_sd)
+    variance = sd**2
     for _ in range(len(columns)):
-        mean, sd, columns, _ = pass_effects.given_earlier(
-            data.nights, data.brightness, mean, sd, columns, prior_sd
+        mean, variance, left, _ = pass_effects.given_earlier(
+            data.nights, data.brightness, mean, variance, columns, prior_sd
         )
-    return mean, sd
+        columns = left[1:]
+    return mean, jnp.sqrt(variance)
 
 
 def _moments(data: Epochs, miss: jax.Array, columns: jax.Array, prior_sd: float) -> None:

@@ -92,7 +92,7 @@ def given_earlier(
     passes: Passes,
     value: jax.Array,
     mean: jax.Array,
-    sd: jax.Array,
+    variance: jax.Array,
     columns: jax.Array,
     width: jax.Array | float,
 ) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
@@ -100,29 +100,29 @@ def given_earlier(
 
     Parameters
     ----------
-    value, mean, sd : (T,)
-        Recorded and predicted brightness, and the standard deviation of the independent errors.
+    value, mean, variance : (T,)
+        Recorded and predicted brightness, and the variance of the independent errors.
     columns : (1 + K, T)
         Changes of the brightness by unit amounts; that of z is the first.
     width : scalar
 
     Returns
     -------
-    mean, sd : (T,)
+    mean, variance : (T,)
         Of each point given the earlier points of its pass; see `zero_points.given_earlier`.
-    columns : (K, T)
-        The other columns, given the earlier points too.
+    columns : (1 + K, T)
+        The columns, given the earlier points too; the first is h v/width² with v given those.
     terms : (2 + K, T)
         h²/σ², h (y − m)/σ² and h c/σ² for the first column h and each other column c. With their
         sums over a pass, I, e and x_c, the variance of z is v = 1/(1/width² + I) given all points,
         and its mean v (e − Σ x_c n_c) given amounts n_c of the other columns.
     """
     h, *others = columns
-    terms = h / sd**2 * jnp.stack([h, value - mean, *others])
+    terms = h / variance * jnp.stack([h, value - mean, *others])
     information, weighted, *along = passes.before(terms)
     v = 1.0 / (1.0 / width**2 + information)
-    rest = jnp.stack(others) - h * v * jnp.stack(along) if others else columns[1:]
-    return mean + h * v * weighted, jnp.sqrt(sd**2 + h**2 * v), rest, terms
+    left = [h * v / width**2, *(c - h * v * x for c, x in zip(others, along, strict=True))]
+    return mean + h * v * weighted, variance + h**2 * v, jnp.stack(left), terms
 
 
 def innovations(

@@ -108,43 +108,45 @@ def given_earlier(
     if not modelled("zero_point_sd", prior.sd) or not data.n_calibrations:
         return mean, sd, columns
     night = _Part("zero_point", data.calibrated_together, data.calibration, data.n_calibrations)
+    every = h[None] if columns is None else jnp.concatenate([h[None], columns])
+    if columns is not None or not data.n_series:
+        mean, variance, left, slope = _integrated(data, night, mean, sd**2, every, prior.width())
+    else:
+        of_night, of_series = prior.width(share=1.0 - SHARED), prior.width("series_sd", SHARED)
+        mean, variance, left, _ = _integrated(data, night, mean, sd**2, every, of_night)
+        numpyro.deterministic("zero_point_series", _of_calibration(data, data.series))
+        series = _Part("zero_point_series", data.series_together, data.series, data.n_series)
+        mean, variance, _, slope = _integrated(data, series, mean, variance, left, of_series)
     if columns is not None:
-        every = jnp.concatenate([h[None], columns])
-        mean, sd, columns, slope = _integrated(data, night, mean, sd, every, prior.width())
+        columns = left[1:]
         numpyro.deterministic("zero_point_slope", slope.T)
         numpyro.deterministic("zero_point_night", _of_calibration(data, data.night))
-        return mean, sd, columns
-    if not data.n_series:
-        return (*_integrated(data, night, mean, sd, h[None], prior.width())[:2], None)
-    of_night, of_series = prior.width(share=1.0 - SHARED), prior.width("series_sd", SHARED)
-    mean, sd, left, share = _integrated(data, night, mean, sd, jnp.stack([h, h]), of_night)
-    numpyro.deterministic("zero_point_share", share[0])
-    numpyro.deterministic("zero_point_series", _of_calibration(data, data.series))
-    series = _Part("zero_point_series", data.series_together, data.series, data.n_series)
-    return (*_integrated(data, series, mean, sd, left, of_series)[:2], None)
+    return mean, jnp.sqrt(variance), columns
 
 
 def _integrated(
     data: Epochs,
     part: _Part,
     mean: jax.Array,
-    sd: jax.Array,
+    variance: jax.Array,
     columns: jax.Array,
     width: jax.Array | float,
 ) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
     """`pass_effects.given_earlier` for a part of zero points, whose moments are recorded.
 
     The last result (K, G) is by how much its mean falls for unit amounts of the further columns.
+    The site ``_share`` (G,) is the same for an amount of the first column.
     """
-    mean, sd, left, terms = pass_effects.given_earlier(
-        part.groups, data.brightness, mean, sd, columns, width
+    mean, variance, left, terms = pass_effects.given_earlier(
+        part.groups, data.brightness, mean, variance, columns, width
     )
     total = jnp.zeros((len(terms), part.number + 1)).at[:, part.index]
     total = total.add(data.information * terms)[:, :-1]
     whole = 1.0 / (1.0 / width**2 + total[0])
     numpyro.deterministic(f"{part.name}_mean", whole * total[1])
     numpyro.deterministic(f"{part.name}_sd", jnp.sqrt(whole))
-    return mean, sd, left, whole * total[2:]
+    numpyro.deterministic(f"{part.name}_share", whole * total[0])
+    return mean, variance, left, whole * total[2:]
 
 
 def _of_calibration(data: Epochs, index: jax.Array) -> jax.Array:
