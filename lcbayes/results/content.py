@@ -156,6 +156,12 @@ class Outliers(TypedDict, total=False):
     outliers: list[Outlier]
 
 
+class LatePasses(TypedDict, total=False):
+    """Passes whose late times would look like the drift of the rate, if one is measured."""
+
+    late_pass_instead: list[dict[str, Any]]  # `inference.late_pass.LatePass`
+
+
 class FitTiming(TypedDict):
     """Seconds of each stage, and the number of gradients."""
 
@@ -166,7 +172,7 @@ class FitTiming(TypedDict):
     gradients: int
 
 
-class FitNumbers(Outliers):
+class FitNumbers(Outliers, LatePasses):
     """Numbers of a fit; ``parameters`` are those of the heaviest solution."""
 
     model: str

@@ -22,18 +22,22 @@ FAULTS = {
 }
 LEAST_SHIFT = 0.05  # sd; smaller shifts are not mentioned
 MEASURED_SD = 4.0  # distance from zero at which a fault is measured
-ALIKE = "; a pass with late times would look the same, and so may a motion that is not constant"
-MEASURED = {  # the alternative that a parameter stands for, its unit as a factor, and a remark
-    "rate_drift": ("rate-drift", 100.0, ALIKE),
-    "clock_offset": ("clock", 1.0, ""),
-    "series_zero_point": ("zero-point", 1.0, ""),
-    "zero_point": ("zero-point", 1.0, ""),
+MEASURED = {  # the alternative that a parameter stands for, and its unit as a factor
+    "rate_drift": ("rate-drift", 100.0),
+    "clock_offset": ("clock", 1.0),
+    "series_zero_point": ("zero-point", 1.0),
+    "zero_point": ("zero-point", 1.0),
 }
 
 
-def measured_faults(parameters: Mapping[str, Any], against: Iterable[Reason]) -> list[str]:
+def measured_faults(
+    parameters: Mapping[str, Any],
+    against: Iterable[Reason],
+    instead: Iterable[Mapping[str, Any]] = (),
+) -> list[str]:
     """Lines on small faults that the data show, if the model with them explains the data.
 
+    ``instead`` are late passes that would look like the drift of the rate, as in the summary.
     Of a site that is off in all nights, no single night is listed.
     """
     if any(reason.code == "data-not-explained" for reason in against):
@@ -44,7 +48,8 @@ def measured_faults(parameters: Mapping[str, Any], against: Iterable[Reason]) ->
         mean, sd = found.get("mean"), found.get("sd")
         if base not in MEASURED or mean is None or sd is None or abs(mean) < MEASURED_SD * sd:
             continue
-        code, unit, remark = MEASURED[base]
+        code, unit = MEASURED[base]
+        remark = _like_a_drift(instead) if base == "rate_drift" else ""
         values = {"about": about, "version": "", "amount": unit * mean, "sd": unit * sd}
         shown[base, about] = f"  {cause(SimpleNamespace(name=code, **values))}{remark}"
     for base, about in list(shown):
@@ -52,6 +57,17 @@ def measured_faults(parameters: Mapping[str, Any], against: Iterable[Reason]) ->
             del shown[base, about]
     head = "small faults that the data show, and that the fit allows for:"
     return [head, *shown.values()] if shown else []
+
+
+def _like_a_drift(instead: Iterable[Mapping[str, Any]]) -> str:
+    """What would look like a drift of the rate."""
+    passes = [
+        f"those of pass {one['number']} {abs(one['late_s']):.2g} s too "
+        f"{'late' if one['late_s'] > 0 else 'early'} (period then {one['period_s']:.5g} s)"
+        for one in instead
+    ]
+    late = f": {', or '.join(passes)}" if passes else ""
+    return f"; late times of a pass would look the same{late}; so may a motion that is not constant"
 
 
 def rests_on(moved: Mapping[str, Mapping[str, float]]) -> list[str]:

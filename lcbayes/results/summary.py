@@ -22,6 +22,7 @@ from lcbayes.geometry.times import Times
 from lcbayes.inference import alternatives, goodness_of_fit, misfit_tests, robustness
 from lcbayes.inference.fit import Posterior
 from lcbayes.inference.goodness_of_fit import Misfit
+from lcbayes.inference.late_pass import instead_of_drift
 from lcbayes.inference.modes import MAX_LEFT_OUT, Mode
 from lcbayes.inference.solutions import optimum
 from lcbayes.inference.spin_search.cells import Coverage
@@ -35,6 +36,7 @@ from lcbayes.modelling.variables import SPIN, label, named
 from lcbayes.results.content import (
     FitNumbers,
     FitQuality,
+    LatePasses,
     ModeContent,
     Outlier,
     Outliers,
@@ -48,6 +50,7 @@ from lcbayes.results.content import (
 from lcbayes.results.draws import weighted_draws
 from lcbayes.results.posterior import dataset
 from lcbayes.results.reasons import reasons, why
+from lcbayes.results.small_faults import MEASURED_SD
 from lcbayes.samplers.convergence import MAX_DIVERGING, MAX_RHAT, MIN_ESS
 from lcbayes.samplers.sampling import NUM_DRAWS
 from lcbayes.samplers.settings import PUBLISHED
@@ -135,6 +138,7 @@ def summarise(
             fault: dict(zip(quantities, map(float, shift), strict=True))
             for fault, shift in moved.by_fault.items()
         },
+        **_late_pass(curve, modes[0]["parameters"]),
         **_outliers(tree, curve),
         "timing": {
             "search_s": timing.search_s,
@@ -150,6 +154,16 @@ def summarise(
         "identity": dict(identity),
     }
     return content, reasons(findings)
+
+
+def _late_pass(curve: LightCurve, table: Mapping[str, ParameterContent]) -> LatePasses:
+    """Late passes that would look like the drift of the rate, if one is measured."""
+    drift = table.get("rate_drift")
+    if drift is None or abs(drift["mean"]) < MEASURED_SD * drift["sd"]:
+        return {}
+    rate = float(np.linalg.norm([table[f"omega_{x}_rad_s"]["mean"] for x in "xyz"]))
+    found = instead_of_drift(curve, drift["mean"], drift["sd"], rate)
+    return {"late_pass_instead": [one._asdict() for one in found]} if found else {}
 
 
 def _mode(mode: Mode, draws: Mapping[str, Floats]) -> ModeContent:
