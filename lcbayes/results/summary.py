@@ -157,9 +157,12 @@ def summarise(
 
 
 def _late_pass(curve: LightCurve, table: Mapping[str, ParameterContent]) -> LatePasses:
-    """Late passes that would look like the drift of the rate, if one is measured."""
-    drift = table.get("rate_drift")
-    if drift is None or abs(drift["mean"]) < MEASURED_SD * drift["sd"]:
+    """Late passes that would look like the drift of the rate, if one is measured.
+
+    A tumbling body has no period that could be stated.
+    """
+    drift, tumbles = table.get("rate_drift"), any(name.startswith("inertia") for name in table)
+    if drift is None or tumbles or abs(drift["mean"]) < MEASURED_SD * drift["sd"]:
         return {}
     rate = float(np.linalg.norm([table[f"omega_{x}_rad_s"]["mean"] for x in "xyz"]))
     found = instead_of_drift(curve, drift["mean"], drift["sd"], rate)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference.late_pass import instead_of_drift
+from lcbayes.results import summary
 
 PERIOD = 47.3
 
@@ -46,6 +49,16 @@ def test_no_late_pass_looks_like_a_drift_seen_in_five_passes():
     assert instead_of_drift(light, 7e-4, 7e-6, 2.0 * np.pi / PERIOD) == []
     # unless the drift is hardly measured
     assert len(instead_of_drift(light, 7e-4, 1.4e-3, 2.0 * np.pi / PERIOD)) == 5
+
+
+@pytest.mark.parametrize(("changed", "expected"), [({}, 3), ({"inertia_ratio[0]": 0.5}, 0)])
+def test_a_summary_lists_passes_unless_the_body_tumbles(changed, expected):
+    means = {"rate_drift": 7e-4, "omega_x_rad_s": 0.1, "omega_y_rad_s": 0.0, "omega_z_rad_s": 0.1}
+    table: Any = {name: {"mean": x, "sd": 7e-6} for name, x in (means | changed).items()}
+    found = summary._late_pass(curve((0.0, 5900.0, 17600.0)), table)
+    assert len(found.get("late_pass_instead", [])) == expected
+    uncertain: Any = table | {"rate_drift": {"mean": 7e-4, "sd": 7e-4}}  # no drift is measured
+    assert summary._late_pass(curve((0.0, 5900.0, 17600.0)), uncertain) == {}
 
 
 def test_nothing_is_said_of_several_sites_or_two_passes():
