@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 
-def join_words(words: Iterable[str]) -> str:
-    """A list of words joined with commas and "and".
+def join_words(words: Iterable[str], last_by: str = "and") -> str:
+    """A list of words joined with commas, the last by "and" or another word.
 
     Examples
     --------
@@ -14,7 +14,7 @@ def join_words(words: Iterable[str]) -> str:
     'a, b and c'
     """
     *first, last = words
-    return f"{', '.join(first)} and {last}" if first else last
+    return f"{', '.join(first)} {last_by} {last}" if first else last
 
 
 def probability(value: float) -> str:

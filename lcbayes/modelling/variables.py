@@ -36,7 +36,6 @@ CARRIERS = frozenset(
         "zero_point_series",
         "zero_point_series_mean",
         "zero_point_series_sd",
-        "zero_point_series_share",
         "nutation",
         "nutation_mean",
         "nutation_root",

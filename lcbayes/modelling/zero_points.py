@@ -107,19 +107,20 @@ def given_earlier(
     """
     if not modelled("zero_point_sd", prior.sd) or not data.n_calibrations:
         return mean, sd, columns
+    shared = data.n_series > 0 and columns is None
     night = _Part("zero_point", data.calibrated_together, data.calibration, data.n_calibrations)
+    width = prior.width(share=1.0 - SHARED if shared else 1.0)
     every = h[None] if columns is None else jnp.concatenate([h[None], columns])
-    if columns is not None or not data.n_series:
-        mean, variance, left, slope = _integrated(data, night, mean, sd**2, every, prior.width())
-    else:
-        of_night, of_series = prior.width(share=1.0 - SHARED), prior.width("series_sd", SHARED)
-        mean, variance, left, _ = _integrated(data, night, mean, sd**2, every, of_night)
+    mean, variance, left, fall = _integrated(data, night, mean, sd**2, every, width)
+    if shared:
+        numpyro.deterministic("zero_point_share", fall[0])
         numpyro.deterministic("zero_point_series", _of_calibration(data, data.series))
         series = _Part("zero_point_series", data.series_together, data.series, data.n_series)
-        mean, variance, _, slope = _integrated(data, series, mean, variance, left, of_series)
+        width = prior.width("series_sd", SHARED)
+        mean, variance, *_ = _integrated(data, series, mean, variance, left, width)
     if columns is not None:
         columns = left[1:]
-        numpyro.deterministic("zero_point_slope", slope.T)
+        numpyro.deterministic("zero_point_slope", fall[1:].T)
         numpyro.deterministic("zero_point_night", _of_calibration(data, data.night))
     return mean, jnp.sqrt(variance), columns
 
@@ -134,19 +135,17 @@ def _integrated(
 ) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
     """`pass_effects.given_earlier` for a part of zero points, whose moments are recorded.
 
-    The last result (K, G) is by how much its mean falls for unit amounts of the further columns.
-    The site ``_share`` (G,) is the same for an amount of the first column.
+    The last result (1 + K, G) is by how much its mean falls for unit amounts of the columns.
     """
     mean, variance, left, terms = pass_effects.given_earlier(
         part.groups, data.brightness, mean, variance, columns, width
     )
     total = jnp.zeros((len(terms), part.number + 1)).at[:, part.index]
-    total = total.add(data.information * terms)[:, :-1]
-    whole = 1.0 / (1.0 / width**2 + total[0])
-    numpyro.deterministic(f"{part.name}_mean", whole * total[1])
+    information, weighted, *others = total.add(data.information * terms)[:, :-1]
+    whole = 1.0 / (1.0 / width**2 + information)
+    numpyro.deterministic(f"{part.name}_mean", whole * weighted)
     numpyro.deterministic(f"{part.name}_sd", jnp.sqrt(whole))
-    numpyro.deterministic(f"{part.name}_share", whole * total[0])
-    return mean, variance, left, whole * total[2:]
+    return mean, variance, left, whole * jnp.stack([information, *others])
 
 
 def _of_calibration(data: Epochs, index: jax.Array) -> jax.Array:

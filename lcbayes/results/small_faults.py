@@ -7,6 +7,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from lcbayes.core.reasons import Reason
+from lcbayes.core.text import join_words
 from lcbayes.results.reasons import cause
 
 FAULTS = {
@@ -15,7 +16,7 @@ FAULTS = {
     "late_pass_0.1_s": "a clock error of 0.1 s in one pass",
     "zero_point_0.03_mag": "0.03 mag between sites or nights",
     "rate_drift_1_percent": "a rate drift of 1 %",
-    "nutation_0.3_deg": "nutation by 0.3 deg",
+    "nutation_0.3_deg": "nutation of 0.3 deg",
     "errors_1.4_times": "errors 1.4 times as large",
     "site_100_m": "100 m of site position",
     "elements_1_day": "elements one day older",
@@ -62,12 +63,12 @@ def measured_faults(
 def _like_a_drift(instead: Iterable[Mapping[str, Any]]) -> str:
     """What would look like a drift of the rate."""
     passes = [
-        f"those of pass {one['number']} {abs(one['late_s']):.2g} s too "
-        f"{'late' if one['late_s'] > 0 else 'early'} (period then {one['period_s']:.5g} s)"
+        f"pass {one['number']} too {'late' if one['late_s'] > 0 else 'early'} by "
+        f"{abs(one['late_s']):.2g} s (the period is then {one['period_s']:#.5g} s)"
         for one in instead
     ]
-    late = f": {', or '.join(passes)}" if passes else ""
-    return f"; late times of a pass would look the same{late}; so may a motion that is not constant"
+    late = join_words(passes, "or") if passes else "a pass with late times"
+    return f"; {late} would look the same, and so may a motion that is not constant"
 
 
 def rests_on(moved: Mapping[str, Mapping[str, float]]) -> list[str]:

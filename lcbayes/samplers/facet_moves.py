@@ -212,9 +212,9 @@ class FacetMoves:
             return None
         flux, error = data.as_flux()
         scale = np.where(np.isfinite(error), np.sqrt(data.information), 0.0) / error
-        groups = np.arange(data.n_calibrations if zero_point_sd > 0 else 0)
-        root = zero_points.root(data) if groups.size else np.zeros((0, 0))
-        zero = (np.asarray(data.calibration) == groups[:, None]) * scale * flux
+        number = data.n_calibrations if zero_point_sd > 0 else 0
+        root = zero_points.root(data)[:number, :number]
+        zero = (np.asarray(data.calibration) == np.arange(number)[:, None]) * scale * flux
         zero = 0.4 * np.log(10.0) * zero_point_sd * root.T @ zero
         flux, scale, zero = (jnp.asarray(x) for x in (scale * flux, scale, zero))
         return cls(flux, scale, zero, problem, law, log_mean, log_sd)

@@ -112,12 +112,9 @@ def _of_faults(curve: LightCurve, values: Mapping[str, Any], *, drifting: bool) 
     several = len(seen_by.names) > 1
     if groups.names:
         sd, spread = (values.get(f"zero_point_{k}", 0.0) for k in ("sd", "spread"))
-        nutates = bool(values.get("nutation_ratio", 0.0))
-        common = (
-            f" {100 * SHARED:.0f} % of this variance is common to all nights of a site."
-            if groups.series_names and not nutates
-            else ""
-        )
+        shared = groups.series_names and not values.get("nutation_ratio", 0.0)
+        part = f"A part of them, a priori {100 * SHARED:.0f} % of their variance"
+        common = f" {part}, is common to all nights of a site." if shared else ""
         about, inferred = ("about ", "; by how much is inferred") if spread else ("", "")
         listed = f"{len(groups.names)} sites and nights" if several else "several nights"
         yield (

@@ -173,7 +173,7 @@ def test_what_the_nights_of_a_site_share_is_stated(sites, options, expected):
     t = np.array([0.0, 1.0, 86400.0, 86401.0])
     curve = small_curves.curve(4, t=t, site=np.array(list(sites)))
     stated = assumptions(curve, registry.find("faceted"), options)
-    said = "50 % of this variance is common to all nights of a site."
+    said = "a priori 50 % of their variance, is common to all nights of a site."
     assert any(line.endswith(said) for line in stated) == expected, stated
 
 
