@@ -89,9 +89,7 @@ def _compose(results: Results, gallery: style.Gallery) -> tuple[str, list[shape_
         "outliers": tables.outlier_table(results),
         "spins": tables.spin_table(results),
         "measured_faults": measured_faults(
-            drawn[0].summary.get("parameters", {}),
-            stored(results.summary),
-            results.summary.get("late_pass_instead", []),
+            drawn[0].summary.get("parameters", {}), stored(results.summary)
         )[1:],
         "rests_on": tables.rests_on_table(results),
         "residual_tests": tables.residual_table(results),

@@ -14,6 +14,7 @@ from lcbayes.data.segments import PASS, split
 Floats = NDArray[np.float64]
 
 ALIKE_SD = 2.0  # uncertainties of the drift within which the phases of all passes agree
+MISTAKE_SD = 100.0  # prior sd of a clock up to which a pass may be late by a mistake
 
 
 class LatePass(NamedTuple):
@@ -26,7 +27,7 @@ class LatePass(NamedTuple):
 
 
 def instead_of_drift(
-    curve: LightCurve, drift: float, drift_sd: float, rate: float
+    curve: LightCurve, drift: float, drift_sd: float, rate: float, clock_sd: float
 ) -> list[LatePass]:
     """Each pass whose late times, at a constant rate, would look like a drift of the rate.
 
@@ -44,6 +45,8 @@ def instead_of_drift(
         ε and its standard deviation.
     rate : float
         ω, rad/s.
+    clock_sd : float
+        Prior standard deviation of a clock, s. No pass is late by more than `MISTAKE_SD` of it.
 
     Examples
     --------
@@ -51,7 +54,7 @@ def instead_of_drift(
     >>> t = np.repeat([0.0, 6000.0, 18000.0], 4) + np.tile([0.0, 50.0, 100.0, 150.0], 3)
     >>> toward = np.tile([0.0, 0.6, 0.8], (12, 1))
     >>> curve = LightCurve(t=t, brightness=np.ones(12), error=None, sun=toward, obs=toward)
-    >>> for late in instead_of_drift(curve, 7e-4, 7e-6, 0.133):
+    >>> for late in instead_of_drift(curve, 7e-4, 7e-6, 0.133, 0.3):
     ...     print(f"pass {late.number}: {late.late_s:.2f} s, period {late.period_s:.4f} s")
     pass 1: -2.08 s, period 47.2365 s
     pass 2: 1.39 s, period 47.2420 s
@@ -72,6 +75,8 @@ def instead_of_drift(
         if np.abs(_left(columns, moved)).max() > uncertain:
             continue
         _, slope, late = np.linalg.lstsq(columns, moved)[0]
+        if abs(late) > MISTAKE_SD * clock_sd:
+            continue
         period = 2.0 * np.pi / (rate * (1.0 + slope / span))
         found.append(LatePass(k + 1, float(late), float(period)))
     return found

@@ -23,6 +23,7 @@ FAULTS = {
 }
 LEAST_SHIFT = 0.05  # sd; smaller shifts are not mentioned
 MEASURED_SD = 4.0  # distance from zero at which a fault is measured
+LIKE_A_DRIFT = "; a motion that is not constant may look the same"
 MEASURED = {  # the alternative that a parameter stands for, and its unit as a factor
     "rate_drift": ("rate-drift", 100.0),
     "clock_offset": ("clock", 1.0),
@@ -31,14 +32,9 @@ MEASURED = {  # the alternative that a parameter stands for, and its unit as a f
 }
 
 
-def measured_faults(
-    parameters: Mapping[str, Any],
-    against: Iterable[Reason],
-    instead: Iterable[Mapping[str, Any]] = (),
-) -> list[str]:
+def measured_faults(parameters: Mapping[str, Any], against: Iterable[Reason]) -> list[str]:
     """Lines on small faults that the data show, if the model with them explains the data.
 
-    ``instead`` are late passes that would look like the drift of the rate, as in the summary.
     Of a site that is off in all nights, no single night is listed.
     """
     if any(reason.code == "data-not-explained" for reason in against):
@@ -50,7 +46,7 @@ def measured_faults(
         if base not in MEASURED or mean is None or sd is None or abs(mean) < MEASURED_SD * sd:
             continue
         code, unit = MEASURED[base]
-        remark = _like_a_drift(instead) if base == "rate_drift" else ""
+        remark = LIKE_A_DRIFT if base == "rate_drift" else ""
         values = {"about": about, "version": "", "amount": unit * mean, "sd": unit * sd}
         shown[base, about] = f"  {cause(SimpleNamespace(name=code, **values))}{remark}"
     for base, about in list(shown):
@@ -60,15 +56,14 @@ def measured_faults(
     return [head, *shown.values()] if shown else []
 
 
-def _like_a_drift(instead: Iterable[Mapping[str, Any]]) -> str:
-    """What would look like a drift of the rate."""
+def late_passes(instead: Iterable[Mapping[str, Any]]) -> str:
+    """Late passes that would look like a drift of the rate, as in the summary, in words."""
     passes = [
         f"pass {one['number']} too {'late' if one['late_s'] > 0 else 'early'} by "
-        f"{abs(one['late_s']):.2g} s (the period is then {one['period_s']:#.5g} s)"
+        f"{abs(one['late_s']):.2g} s (the period is then {one['period_s']:#.7g} s)"
         for one in instead
     ]
-    late = join_words(passes, "or") if passes else "a pass with late times"
-    return f"; {late} would look the same, and so may a motion that is not constant"
+    return join_words(passes, "or")
 
 
 def rests_on(moved: Mapping[str, Mapping[str, float]]) -> list[str]:

@@ -31,6 +31,7 @@ from lcbayes.inference.tumbling_search import AGREE, Repeats
 from lcbayes.modelling.constrained import reported_draws
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import FLUX, OBSERVED, OUTLIER
+from lcbayes.modelling.nuisances import CLOCK_SD
 from lcbayes.modelling.problem import Sites, compiled
 from lcbayes.modelling.variables import SPIN, label, named
 from lcbayes.results.content import (
@@ -50,7 +51,7 @@ from lcbayes.results.content import (
 from lcbayes.results.draws import weighted_draws
 from lcbayes.results.posterior import dataset
 from lcbayes.results.reasons import reasons, why
-from lcbayes.results.small_faults import MEASURED_SD
+from lcbayes.results.small_faults import MEASURED_SD, late_passes
 from lcbayes.samplers.convergence import MAX_DIVERGING, MAX_RHAT, MIN_ESS
 from lcbayes.samplers.sampling import NUM_DRAWS
 from lcbayes.samplers.settings import PUBLISHED
@@ -106,10 +107,11 @@ def summarise(
     ``tree`` is the content of ``posterior.nc``. ``shadows_of`` is `shadows_left_out` of the model;
     see `modelling.registry`.
     """
-    modes = [
-        _mode(mode, {str(k): v.values for k, v in tree[f"modes/{i}/posterior"].data_vars.items()})
-        for i, mode in enumerate(posterior.modes)
+    drawn = [
+        {str(k): v.values for k, v in tree[f"modes/{i}/posterior"].data_vars.items()}
+        for i in range(len(posterior.modes))
     ]
+    modes = [_mode(*one) for one in zip(posterior.modes, drawn, strict=True)]
     at_optimum = _at_optimum(posterior, curve, seed, shadows_of)
     moved = _shifts(posterior, at_optimum, curve, modes[0]["parameters"])
     draws = tree["posterior"].to_dataset()
@@ -117,7 +119,12 @@ def summarise(
         mode["parameters"] = {named(k, draws): row for k, row in mode["parameters"].items()}
     quantities = [named(name, draws) for name in moved.quantities]
     misfit = at_optimum.misfit
-    findings = [*_findings(posterior, modes, misfit), *_ignored(at_optimum, moved)]
+    late = _late_pass(curve, drawn[0], identity["options"])
+    findings = [
+        *_findings(posterior, modes, misfit),
+        *_ignored(at_optimum, moved),
+        *_drift_or_late(late, drawn[0], misfit),
+    ]
     if identity["settings"]["sampler"] == PUBLISHED:
         findings.insert(0, Finding("published-sampler"))
     timing = posterior.timing
@@ -138,7 +145,7 @@ def summarise(
             fault: dict(zip(quantities, map(float, shift), strict=True))
             for fault, shift in moved.by_fault.items()
         },
-        **_late_pass(curve, modes[0]["parameters"]),
+        **late,
         **_outliers(tree, curve),
         "timing": {
             "search_s": timing.search_s,
@@ -156,17 +163,33 @@ def summarise(
     return content, reasons(findings)
 
 
-def _late_pass(curve: LightCurve, table: Mapping[str, ParameterContent]) -> LatePasses:
+def _late_pass(
+    curve: LightCurve, draws: Mapping[str, Floats], options: Mapping[str, str]
+) -> LatePasses:
     """Late passes that would look like the drift of the rate, if one is measured.
 
     A tumbling body has no period that could be stated.
     """
-    drift, tumbles = table.get("rate_drift"), any(name.startswith("inertia") for name in table)
-    if drift is None or tumbles or abs(drift["mean"]) < MEASURED_SD * drift["sd"]:
+    drift, tumbles = draws.get("rate_drift"), any(name.startswith("inertia") for name in draws)
+    if drift is None or tumbles or abs(drift.mean()) < MEASURED_SD * drift.std():
         return {}
-    rate = float(np.linalg.norm([table[f"omega_{x}_rad_s"]["mean"] for x in "xyz"]))
-    found = instead_of_drift(curve, drift["mean"], drift["sd"], rate)
+    clock_sd = float(options.get("clock_sd", CLOCK_SD))
+    rate = float(_rate(draws).mean())
+    found = instead_of_drift(curve, float(drift.mean()), float(drift.std()), rate, clock_sd)
     return {"late_pass_instead": [one._asdict() for one in found]} if found else {}
+
+
+def _rate(draws: Mapping[str, Floats]) -> Floats:
+    return np.linalg.norm(draws["omega"], axis=-1)
+
+
+def _drift_or_late(
+    late: LatePasses, draws: Mapping[str, Floats], misfit: Misfit
+) -> Iterator[Finding]:
+    """A period that depends on whether the rate drifts or a pass is late."""
+    if misfit.explained and (found := late.get("late_pass_instead")):
+        period = float(np.mean(2.0 * np.pi / _rate(draws)))
+        yield Finding("drift-or-late-pass", {"period_s": period, "passes": late_passes(found)})
 
 
 def _mode(mode: Mode, draws: Mapping[str, Floats]) -> ModeContent:

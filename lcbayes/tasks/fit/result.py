@@ -153,8 +153,7 @@ class Fit(Result[FitContent]):
             lines += self._parameters(mode["parameters"])
             lines += _body(mode.get("body"))
         lines += [*other_spins(content.get("spins", [])), *searched(content.get("search"))]
-        instead = content.get("late_pass_instead", [])
-        lines += measured_faults(content["modes"][0]["parameters"], self.reasons, instead)
+        lines += measured_faults(content["modes"][0]["parameters"], self.reasons)
         return [*lines, *rests_on(content.get("rests_on", {}))]
 
     def _rotation(self, index: int) -> Iterator[str]:
