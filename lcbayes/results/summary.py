@@ -117,7 +117,6 @@ def summarise(
     draws = tree["posterior"].to_dataset()
     for mode in modes:
         mode["parameters"] = {named(k, draws): row for k, row in mode["parameters"].items()}
-    quantities = [named(name, draws) for name in moved.quantities]
     misfit = at_optimum.misfit
     late = _late_pass(curve, drawn[0], identity["options"])
     findings = [
@@ -142,7 +141,7 @@ def summarise(
         "modes": modes,
         "fit": _fit(posterior, tree, curve, misfit),
         "rests_on": {
-            fault: dict(zip(quantities, map(float, shift), strict=True))
+            fault: {named(q, draws): float(x) for q, x in zip(moved.quantities, shift, strict=True)}
             for fault, shift in moved.by_fault.items()
         },
         **late,
