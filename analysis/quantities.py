@@ -47,6 +47,8 @@ KNOWN: dict[str, tuple[str, str, float]] = {
     "pass_drift_sd": ("drift within a pass, sd", "mag", 0.0),
     "zero_point": ("zero point of a site and night, positive if fainter", "mag", 0.0),
     "calibration_sd": ("how zero points of sites and nights differ, sd", "mag", 0.0),
+    "series_zero_point": ("part of the zero point that all nights of a site share", "mag", 0.0),
+    "series_sd": ("how the zero points that nights share differ, sd", "mag", 0.0),
     "clock_offset": ("time to add to the clock of an observer", "s", 0.0),
     "rate_drift": ("relative change of rate over the light curve", "", 0.0),
     "correlated_sd": ("correlated noise, sd", "", 0.0),

@@ -51,6 +51,7 @@ HERE = Path(__file__).parent
 DATA = Path(os.environ.get("LCBAYES_DATA", HERE.parents[1] / "shared" / "data"))
 NOISE_SEED = 1
 CHAINS, DRAWS = 10, 1000  # as posteriordb asks for
+SAMPLED = 14  # chains of at least 750 draws each, extended until they have converged
 DIGITS = 8  # significant digits of the draws
 
 DENSITY = '''\
@@ -174,7 +175,7 @@ def export(folder: Path, name: str, draws: int = DRAWS, **sampling: Any) -> None
     """Write one posterior; ``sampling`` are options of `lcbayes.fit`."""
     one = POSTERIORS[name]
     curve = one.make()
-    chains = {"num_chains": CHAINS, "num_samples": 2 * draws, "seed": 1} | sampling
+    chains = {"num_chains": SAMPLED, "seed": 1} | sampling
     fit = lcbayes.fit(curve, model=one.model, progress=Console(), **one.options, **chains)
     # the power of the likelihood accounts for correlated noise
     power = float(fit.tree["log_likelihood"].attrs["information_per_point"])

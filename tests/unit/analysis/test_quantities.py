@@ -3,7 +3,8 @@
 import numpy as np
 import xarray as xr
 
-from lcbayes.analysis.quantities import constant_axis, rotation
+from lcbayes.analysis.quantities import KNOWN, constant_axis, rotation
+from lcbayes.modelling.variables import UNITS
 
 
 def draws(**more) -> xr.Dataset:
@@ -28,3 +29,9 @@ def test_a_tumbling_body_has_an_initial_rate_and_axis_and_no_period():
     axis = ["initial spin axis, longitude", "initial spin axis, latitude"]
     assert listed == ["initial rotation rate", *axis]
     assert (constant_axis(tumbler), constant_axis(draws())) == ("angular momentum", "spin axis")
+
+
+def test_the_report_describes_every_variable_with_a_unit():
+    """In the unit that `posterior.nc` states."""
+    stated = {name: unit for name, unit in UNITS.items() if name != "extinction"}  # per airmass
+    assert {name: KNOWN[name][1] for name in stated if name in KNOWN} == stated
