@@ -4,6 +4,7 @@ posterior weight of each basin."""
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -334,7 +335,8 @@ def optima(
     ends = search.polish(problem, data, rows, workers)
     best_first = np.argsort(ends.potential, kind="stable")
     ends = jax.tree.map(lambda x: x[best_first], ends)
-    return solutions.distinct(problem, data, ends, order, max_optima)
+    found = solutions.distinct(problem, data, ends, order, max_optima)
+    return [replace(s, rms=solutions.rms(problem, s.z, data)) for s in found]
 
 
 def evenly(rows: NDArray, n: int) -> NDArray:

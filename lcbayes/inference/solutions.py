@@ -13,6 +13,7 @@ from lcbayes.core.levenberg_marquardt import Controls, Quadratic, levenberg_marq
 from lcbayes.inference import search
 from lcbayes.inference.label_switching import FacetOrder
 from lcbayes.inference.search import SearchState
+from lcbayes.modelling import nuisances, zero_points
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem, compiled
 
@@ -35,8 +36,7 @@ class Solution:
     z : (D,) unconstrained vector
     potential : −ln p(y, z)
     log_evidence : Laplace approximation; used for ranking, not as a weight
-    rms : of the residuals of the fit to the points at full weight: relative to a
-        curve's mean brightness for fluxes, in magnitudes for magnitudes
+    rms : of the residuals of the fit to the points at full weight, of `rms`
     hits : number of starts of the search that ended here
     """
 
@@ -50,7 +50,11 @@ class Solution:
 def _residual_rms(problem: Problem, z: Floats, data: Epochs, unit: Floats) -> float:
     """Root mean square of (observed minus expected brightness)/``unit`` (T,)."""
     mean = compiled(problem.moments)(jnp.asarray(z), data).mean
-    return float(np.sqrt(np.mean((np.asarray(data.brightness - mean) / unit) ** 2)))
+    return _rms(data.brightness - mean, unit)
+
+
+def _rms(residuals: jax.Array, unit: jax.Array | Floats) -> float:
+    return float(np.sqrt(np.mean((np.asarray(residuals) / unit) ** 2)))
 
 
 def distinct(
@@ -144,12 +148,24 @@ def refined(
     is uninformative: it lies at a spread of zero or, in non-centred form, at one far too large.
     """
     rows = completed(pooled, problem, data, np.stack([s.z for s in found]))
-    unit = np.asarray(data.noise_unit)[data.curve]
     climbed = [replace(s, z=z) for s, z in zip(found, rows, strict=True)]
     climbed = optimise_held(pooled, problem, data, climbed)
-    return [
-        replace(s, rms=_residual_rms(problem, s.z, data.without_passes(), unit)) for s in climbed
-    ]
+    return [replace(s, rms=rms(problem, s.z, data)) for s in climbed]
+
+
+def rms(problem: Problem, z: Floats, data: Epochs) -> float:
+    """Root mean square of the residuals, with zero points at their means given the data.
+
+    It is in magnitudes for magnitudes, and relative to a curve's mean brightness for fluxes.
+    Offsets of passes are not subtracted.
+    """
+    mean = compiled(problem.moments)(jnp.asarray(z), data.without_passes()).mean
+    sites = compiled(problem.constrain)(jnp.asarray(z), data)
+    zero_point = nuisances.jointly(sites, lambda _: 0.0).zero_point
+    if zero_point is not None:
+        each = jnp.append(zero_point, 0.0)[data.calibration]
+        mean = mean + zero_points.response(data, mean) * each
+    return _rms(data.brightness - mean, data.noise_unit[data.curve])
 
 
 def optimise_held(
