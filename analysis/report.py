@@ -81,7 +81,7 @@ def _compose(results: Results, gallery: style.Gallery) -> tuple[str, list[shape_
         "legend": _legend(results),
         "panel_note": panel_note,
         "overview": [i for f in overview if (i := f(results, gallery)) is not None],
-        "phased": [i for m in drawn for i in asteroid_plots.draw_phased(results, m, gallery)],
+        "phased": [i for m in drawn for i in asteroid_plots.draw_phased(results, m, gallery)[-1:]],
         "warnings": [
             f"{m.name}: {words}." for m in drawn if (words := tilt_warning(m.summary.get("body")))
         ],

@@ -13,13 +13,20 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from markupsafe import Markup
+
 # Okabe & Ito 2008, safe for colour-blind readers, without yellow, which is invisible on white.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#555555")
 HUES = ("blue", "red-orange", "green", "pink", "light blue", "orange", "grey")  # of the palette
 DPI = 130  # of dense clouds of points in a vector image
 PLAIN = " !$')*+,/:;=?@[]"  # characters that need no escape in the address of an image
 _CLOUD = re.compile(r'(data:image/png;base64,\s*)([^"]+)')
-_METADATA = re.compile(r"<metadata>.*?</metadata>")
+_UNSEEN = re.compile(r"<metadata>.*?</metadata>|<!--.*?-->|(?<=<g) id=\"[^\"]*\"|xlink:(?=href)")
+_PATH = re.compile(r'(?<= d=")[^"]*')
+_LETTER = re.compile(r" *([A-Za-z]) *")
+_SPACES = re.compile(r"(?<=>) +(?=<)|(?<=[:;]) +(?=[a-z#\d])")
+_MARKER = re.compile(r'(?<=id=")m[0-9a-f]{10}(?=")')
+_MARKS = re.compile(r'<use [^>]*?( style="[^"]*")/>(?:\s*<use [^>]*?\1/>)+')  # of one style
 _DIGITS = re.compile(r"(?<![\d.])([1-9]\d*\.\d\d)\d+")
 INK, FAINT, DATA = "#222222", "#8a8f98", "#1b1b1b"
 
@@ -82,9 +89,16 @@ class Image:
 
 
 def _compact(svg: str) -> str:
-    """A vector image for a page: one line, coordinates to 0.01 pt, clouds with 128 colours."""
-    line = _DIGITS.sub(r"\1", _METADATA.sub("", svg.replace("\n", " ")))
-    return _CLOUD.sub(lambda m: m[1] + _palette(m[2]), line)
+    """A vector image for a page: one line, coordinates to 0.01 pt, markers with short names and a
+    common style, clouds with 128 colours. Single quotes need no escape in an address.
+    """
+    line = _DIGITS.sub(r"\1", _UNSEEN.sub("", svg.replace("\n", " ")))
+    line = _SPACES.sub("", _PATH.sub(lambda m: _LETTER.sub(r"\1", m[0]), line))
+    for k, name in enumerate(dict.fromkeys(_MARKER.findall(line))):
+        line = line.replace(f'"{name}"', f'"m{k}"').replace(f'"#{name}"', f'"#m{k}"')
+    line = _MARKS.sub(lambda m: f"<g{m[1]}>{m[0].replace(m[1], '')}</g>", line)
+    line = _CLOUD.sub(lambda m: m[1] + _palette(m[2]), line)
+    return line if "'" in line else line.replace('"', "'")
 
 
 def _palette(code: str) -> str:
@@ -125,14 +139,9 @@ class Gallery:
         path = self.folder / f"{name}.pdf"
         figure.savefig(path, dpi=170, metadata={"CreationDate": None, "Producer": None})
         width, height = figure.get_size_inches()
-        image = Image(
-            name,
-            f"data:image/svg+xml,{quote(_compact(text), safe=PLAIN)}",
-            alt,
-            caption,
-            int(96 * width),
-            int(96 * height),
-        )
+        # An address between double quotes may hold single ones, which the page would escape.
+        src = Markup(f"data:image/svg+xml,{quote(_compact(text), safe=PLAIN)}")
+        image = Image(name, src, alt, caption, int(96 * width), int(96 * height))
         self.images.append(image)
         return image
 
