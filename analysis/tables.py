@@ -167,7 +167,8 @@ def rests_on_table(results: Results) -> dict[str, Any] | None:
     if not faults:
         return None
     names = [name for name in moved[faults[0]] if len(moved[faults[0]]) <= LONG or "[" not in name]
-    rows = [[name, *(f"{moved[fault][name]:.2f}" for fault in faults)] for name in names]
+    # a sum with 0.0 leaves no sign before a zero
+    rows = [[n, *(f"{round(moved[f][n], 2) + 0.0:.2f}" for f in faults)] for n in names]
     return {"heads": [FAULTS[fault] for fault in faults], "rows": rows}
 
 

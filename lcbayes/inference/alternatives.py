@@ -46,6 +46,7 @@ LAWS: dict[str, DiffuseLaw] = {  # the second without its term of Lambert
 }
 SAME_LAW = 1e-6  # of the mean flux: a law whose brightness differs by less is that of the model
 MAX_FREQUENCIES = 256
+LEAST_SLOPE = 4  # points of a pass with a slope of its own
 MAX_NIGHTS = 6  # with nutation of their own
 MAX_NAMED = 12  # observers, calibrations or passes of one with an alternative each
 
@@ -127,7 +128,8 @@ def alternatives(
     sites = compiled(problem.constrain)(jnp.asarray(z), data)
     flux = np.asarray(sites[FLUX])
     spin = float(np.linalg.norm(np.asarray(sites.get("omega", 0.0))))
-    candidates = [*_calibration(flux, data, names), *_clocks(problem, z, data, names, spin)]
+    candidates = [*_calibration(flux, data, names), *_pass_slopes(flux, data, names)]
+    candidates += _clocks(problem, z, data, names, spin)
     if spin > 0.0:
         candidates += _drift(problem, z, data, spin)
         if not kinds or "nutation" in kinds:
@@ -184,6 +186,31 @@ def _calibration(
         column = -0.4 * np.log(10.0) * flux * (phase - phase.mean())
         reach = LINEAR_MAG / np.ptp(phase)
         yield Alternative("phase-slope", "", "mag/rad", column[None, None], reach=reach)
+
+
+def _pass_slopes(
+    flux: Floats, data: Epochs, names: dict[str, tuple[str, ...]]
+) -> Iterator[Alternative]:
+    """An observer becomes fainter along each of its passes, as by extinction that is left in.
+
+    The amounts are mag from the middle of a pass to its end, one for each pass; the length of their
+    vector is their root mean square.
+    """
+    observer, t = np.asarray(data.observer), np.asarray(data.t)
+    passes = split(t, observer, PASS)
+    passes = [rows for rows in passes if rows.size >= LEAST_SLOPE and np.ptp(t[rows]) > 0.0]
+    several = data.n_observers > 1
+    for k, name in enumerate(names["observers"][:MAX_NAMED]):
+        own = [rows for rows in passes if observer[rows[0]] == k]
+        if not 0 < len(own) <= MAX_NAMED:
+            continue
+        columns = np.zeros((len(own), t.size))
+        for column, rows in zip(columns, own, strict=True):
+            since = t[rows] - 0.5 * (t[rows[0]] + t[rows[-1]])
+            column[rows] = -0.4 * np.log(10.0) * flux[rows] * since / since[-1]
+        about = name if several else "the points"
+        unit = np.sqrt(len(own))
+        yield Alternative("pass-slope", about, "mag", unit * columns[None], reach=LINEAR_MAG)
 
 
 def _clocks(

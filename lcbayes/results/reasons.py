@@ -251,6 +251,8 @@ CAUSES = {
     "zero-point": "{about} is {size} mag {fainter} than the model",
     "phase-slope": "the brightness changes by {size} mag/rad {more} with the phase angle than the "
     "model",
+    "pass-slope": "the brightness of {about} changes by {size} mag (rms) from the middle of a pass "
+    "to its end beyond the model, as by extinction",
     "clock": "the times of {about} are {size} s too {late}",
     "late-pass": "the times of {about} are {size} s too {late}",
     "late-curve": "the times of {version} are {size} min too {late}",
@@ -277,6 +279,7 @@ TESTS = {
     "periodogram": "the periodogram of the residuals",
     "zero-point": "the zero point of {about}",
     "phase-slope": "a further slope with the phase angle",
+    "pass-slope": "a slope of {about} along each pass",
     "clock": "the clock of {about}",
     "late-pass": "the clock in {about}",
     "late-curve": "the times of one curve",

@@ -24,7 +24,8 @@ class Fault:
     The zero point (mag, positive if fainter) and the clock (s, added to the recorded times) are
     those of the second site, and late_pass_s (likewise) is that of the pass `late_pass`; the drift
     is the relative change of rate over the light curve, and the nutation the half-angle (deg) of
-    the cone on which the spin axis moves.
+    the cone on which the spin axis moves. The second site becomes fainter along each pass by the
+    slope (mag) from its middle to its end.
     """
 
     zero_point: float = 0.0
@@ -33,6 +34,7 @@ class Fault:
     late_pass: int = 0
     drift: float = 0.0
     nutation_deg: float = 0.0
+    slope: float = 0.0
     lobe: float = 0.0  # brightness of a lobe of exponent 30 on the first facet over its diffuse one
     lommel_seeliger: float = 0.0  # share of the light that is scattered by this law
     error_factor: float = 1.0
@@ -143,7 +145,8 @@ def light_curve(
     late = fault.clock * (which == 1) + fault.late_pass_s * (number == fault.late_pass)
     sun = np.tile(it.sun, (t.size, 1))
     true = flux(it, t, sun, directions(t), fault)
-    true = true * 10 ** (-0.4 * fault.zero_point * (which == 1))
+    along = (t - number * spacing_s) / 120.0 - 1.0
+    true = true * 10 ** (-0.4 * (fault.zero_point + fault.slope * along) * (which == 1))
     error = noise * true.mean() * np.ones(t.size)
     unit_noise = rng.normal(size=t.size)
     if fault.correlation_s:
