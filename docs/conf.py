@@ -92,6 +92,11 @@ def escape(_app: Any, _what: str, _name: str, _obj: Any, _opt: Any, lines: list[
             literal = indent if line.rstrip().endswith("::") else None
 
 
+def skip(_app: Any, _what: str, _name: str, obj: Any, _skip: bool, _options: Any) -> bool | None:
+    """Whether a member is left out: Matplotlib adds methods to each subclass of its own."""
+    return True if str(getattr(obj, "__module__", "")).startswith("matplotlib.") else None
+
+
 def options(commands: Iterable[str]) -> str:
     """What `lcbayes COMMAND --help` prints, a section each."""
     text = ""
@@ -124,4 +129,5 @@ def read(_app: Any, name: str, source: list[str]) -> None:
 
 def setup(app: Any) -> None:
     app.connect("autodoc-process-docstring", escape, priority=400)
+    app.connect("autodoc-skip-member", skip)
     app.connect("source-read", read)
