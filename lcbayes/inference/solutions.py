@@ -161,7 +161,8 @@ def rms(problem: Problem, z: Floats, data: Epochs) -> float:
     """
     mean = compiled(problem.moments)(jnp.asarray(z), data.without_passes()).mean
     sites = compiled(problem.constrain)(jnp.asarray(z), data)
-    zero_point = nuisances.jointly(sites, lambda _: 0.0).zero_point
+    at_mean = nuisances.jointly(sites, lambda name: np.zeros(sites[name].shape))
+    zero_point = at_mean.zero_point
     if zero_point is not None:
         each = jnp.append(zero_point, 0.0)[data.calibration]
         mean = mean + zero_points.response(data, mean) * each

@@ -158,12 +158,14 @@ def test_residuals_are_relative_to_each_curve(one):
     np.testing.assert_allclose(result.rms, want)
 
 
-def test_residuals_are_those_that_zero_points_leave():
+@pytest.mark.parametrize("nutation_ratio", [0.0, 0.4])
+def test_residuals_are_those_that_zero_points_leave(nutation_ratio):
     """Of a site that is 0.2 mag fainter, with noise of 1 %: those about its own best factor."""
     body = small_faults.body(1, 2)
     light = small_faults.light_curve(body, small_faults.Fault(zero_point=0.2), noise=0.01)
     data = Epochs.of(light)
-    problem = Problem(registry.find("faceted").bind({"n_facets": 2}), data)
+    options = {"n_facets": 2, "nutation_ratio": nutation_ratio}
+    problem = Problem(registry.find("faceted").bind(options), data)
     z = problem.ravel(
         {name: jnp.asarray(value) for name, value in body.sites.items()}
         | {k: jnp.zeros(len(problem.rows([k]))) for k in problem.names if k not in body.sites}
