@@ -9,11 +9,10 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from itertools import count
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
-
-from markupsafe import Markup
 
 # Okabe & Ito 2008, safe for colour-blind readers, without yellow, which is invisible on white.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#555555")
@@ -26,7 +25,10 @@ _PATH = re.compile(r'(?<= d=")[^"]*')
 _LETTER = re.compile(r" *([A-Za-z]) *")
 _SPACES = re.compile(r"(?<=>) +(?=<)|(?<=[:;]) +(?=[a-z#\d])")
 _MARKER = re.compile(r'(?<=id=")m[0-9a-f]{10}(?=")')
-_MARKS = re.compile(r'<use [^>]*?( style="[^"]*")/>(?:\s*<use [^>]*?\1/>)+')  # of one style
+_MARK = r'<use href="{}" x="([^"]*)" y="([^"]*)"{}/>'
+_MARKS = re.compile(
+    _MARK.format("(#m[0-9]+)", "( style=[^/]*)") + f"(?:{_MARK.format(r'\1', r'\4')})+"
+)
 _DIGITS = re.compile(r"(?<![\d.])([1-9]\d*\.\d\d)\d+")
 INK, FAINT, DATA = "#222222", "#8a8f98", "#1b1b1b"
 
@@ -89,16 +91,25 @@ class Image:
 
 
 def _compact(svg: str) -> str:
-    """A vector image for a page: one line, coordinates to 0.01 pt, markers with short names and a
-    common style, clouds with 128 colours. Single quotes need no escape in an address.
-    """
+    """A vector image for a page: one line, coordinates to 0.01 pt, clouds with 128 colours, and
+    equal markers at the vertices of a path."""
     line = _DIGITS.sub(r"\1", _UNSEEN.sub("", svg.replace("\n", " ")))
     line = _SPACES.sub("", _PATH.sub(lambda m: _LETTER.sub(r"\1", m[0]), line))
     for k, name in enumerate(dict.fromkeys(_MARKER.findall(line))):
         line = line.replace(f'"{name}"', f'"m{k}"').replace(f'"#{name}"', f'"#m{k}"')
-    line = _MARKS.sub(lambda m: f"<g{m[1]}>{m[0].replace(m[1], '')}</g>", line)
-    line = _CLOUD.sub(lambda m: m[1] + _palette(m[2]), line)
-    return line if "'" in line else line.replace('"', "'")
+    number = count()
+    line = _MARKS.sub(lambda m: _at_vertices(m, f"v{next(number)}"), line)
+    return _CLOUD.sub(lambda m: m[1] + _palette(m[2]), line)
+
+
+def _at_vertices(marks: re.Match[str], name: str) -> str:
+    """Equal markers as one path, which takes a third of the space."""
+    places = " ".join(f"{x} {y}" for x, y in re.findall(' x="(.*?)" y="(.*?)"', marks[0]))
+    drawn = " ".join(f'marker-{where}="url(#{name})"' for where in ("start", "mid", "end"))
+    return (
+        f'<marker id="{name}" markerUnits="userSpaceOnUse" overflow="visible"{marks[4]}>'
+        f'<use href="{marks[1]}"/></marker><path fill="none" stroke="none" d="M{places}" {drawn}/>'
+    )
 
 
 def _palette(code: str) -> str:
@@ -139,8 +150,7 @@ class Gallery:
         path = self.folder / f"{name}.pdf"
         figure.savefig(path, dpi=170, metadata={"CreationDate": None, "Producer": None})
         width, height = figure.get_size_inches()
-        # An address between double quotes may hold single ones, which the page would escape.
-        src = Markup(f"data:image/svg+xml,{quote(_compact(text), safe=PLAIN)}")
+        src = f"data:image/svg+xml,{quote(_compact(text), safe=PLAIN)}"
         image = Image(name, src, alt, caption, int(96 * width), int(96 * height))
         self.images.append(image)
         return image
