@@ -32,8 +32,8 @@ def test_the_passes_that_may_be_late_instead_are_said_with_their_period():
         {"number": 3, "late_s": -4.158, "period_s": 47.25308},
     ]
     assert late_passes(instead) == (
-        "pass 2 too late by 1.4 s (the period is then 47.24211 s) or pass 3 too early by 4.2 s "
-        "(the period is then 47.25308 s)"
+        "pass 2 too late by 1.4 s (the period is then about 47.242 s) or pass 3 too early by 4.2 s "
+        "(the period is then about 47.253 s)"
     )
 
 
