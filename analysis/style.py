@@ -20,14 +20,18 @@ HUES = ("blue", "red-orange", "green", "pink", "light blue", "orange", "grey")  
 DPI = 130  # of dense clouds of points in a vector image
 PLAIN = " !$')*+,/:;=?@[]"  # characters that need no escape in the address of an image
 _CLOUD = re.compile(r'(data:image/png;base64,\s*)([^"]+)')
-_UNSEEN = re.compile(r"<metadata>.*?</metadata>|<!--.*?-->|(?<=<g) id=\"[^\"]*\"|xlink:(?=href)")
+_NEEDLESS = re.compile(
+    "<metadata>.*?</metadata>|<!--.*?-->"
+    r'|(?<=<g) id="[^"]*"'  # to which nothing refers
+    "|xlink:(?=href)"
+    r"|(?<=>) +(?=<)|(?<=[:;]) +(?=[a-z#\d])"  # spaces between elements and in styles
+)
 _PATH = re.compile(r'(?<= d=")[^"]*')
-_LETTER = re.compile(r" *([A-Za-z]) *")
-_SPACES = re.compile(r"(?<=>) +(?=<)|(?<=[:;]) +(?=[a-z#\d])")
-_MARKER = re.compile(r'(?<=id=")m[0-9a-f]{10}(?=")')
-_MARK = r'<use href="{}" x="([^"]*)" y="([^"]*)"{}/>'
-_MARKS = re.compile(
-    _MARK.format("(#m[0-9]+)", "( style=[^/]*)") + f"(?:{_MARK.format(r'\1', r'\4')})+"
+_COMMAND = re.compile(r" *([A-Za-z]) *")  # of a path
+_SHAPE = re.compile(r'(?<=id=")m[0-9a-f]{10}(?=")')  # the name of a marker's shape
+_MARKER = r'<use href="{}" x="([^"]*)" y="([^"]*)"{}/>'
+_EQUAL_MARKERS = re.compile(
+    _MARKER.format("(#m[0-9]+)", "( style=[^/]*)") + f"(?:{_MARKER.format(r'\1', r'\4')})+"
 )
 _DIGITS = re.compile(r"(?<![\d.])([1-9]\d*\.\d\d)\d+")
 INK, FAINT, DATA = "#222222", "#8a8f98", "#1b1b1b"
@@ -93,22 +97,23 @@ class Image:
 def _compact(svg: str) -> str:
     """A vector image for a page: one line, coordinates to 0.01 pt, clouds with 128 colours, and
     equal markers at the vertices of a path."""
-    line = _DIGITS.sub(r"\1", _UNSEEN.sub("", svg.replace("\n", " ")))
-    line = _SPACES.sub("", _PATH.sub(lambda m: _LETTER.sub(r"\1", m[0]), line))
-    for k, name in enumerate(dict.fromkeys(_MARKER.findall(line))):
+    line = _DIGITS.sub(r"\1", _NEEDLESS.sub("", svg.replace("\n", " ")))
+    line = _PATH.sub(lambda m: _COMMAND.sub(r"\1", m[0]), line)
+    for k, name in enumerate(dict.fromkeys(_SHAPE.findall(line))):
         line = line.replace(f'"{name}"', f'"m{k}"').replace(f'"#{name}"', f'"#m{k}"')
     number = count()
-    line = _MARKS.sub(lambda m: _at_vertices(m, f"v{next(number)}"), line)
+    line = _EQUAL_MARKERS.sub(lambda m: _at_vertices(m, f"v{next(number)}"), line)
     return _CLOUD.sub(lambda m: m[1] + _palette(m[2]), line)
 
 
-def _at_vertices(marks: re.Match[str], name: str) -> str:
+def _at_vertices(markers: re.Match[str], name: str) -> str:
     """Equal markers as one path, which takes a third of the space."""
-    places = " ".join(f"{x} {y}" for x, y in re.findall(' x="(.*?)" y="(.*?)"', marks[0]))
+    places = " ".join(f"{x} {y}" for x, y in re.findall(' x="(.*?)" y="(.*?)"', markers[0]))
     drawn = " ".join(f'marker-{where}="url(#{name})"' for where in ("start", "mid", "end"))
     return (
-        f'<marker id="{name}" markerUnits="userSpaceOnUse" overflow="visible"{marks[4]}>'
-        f'<use href="{marks[1]}"/></marker><path fill="none" stroke="none" d="M{places}" {drawn}/>'
+        f'<marker id="{name}" markerUnits="userSpaceOnUse" overflow="visible"{markers[4]}>'
+        f'<use href="{markers[1]}"/></marker>'
+        f'<path fill="none" stroke="none" d="M{places}" {drawn}/>'
     )
 
 

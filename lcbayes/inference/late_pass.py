@@ -1,4 +1,4 @@
-"""Late times of one pass that would look like a drift of the rate of rotation."""
+"""Late times of one pass that give the same phases as a drift of the rate of rotation."""
 
 from __future__ import annotations
 
@@ -29,13 +29,15 @@ class LatePass(NamedTuple):
 def instead_of_drift(
     curve: LightCurve, drift: float, drift_sd: float, rate: float, clock_sd: float
 ) -> list[LatePass]:
-    """Each pass whose late times, at a constant rate, would look like a drift of the rate.
+    """Each pass whose late times, at a constant rate, give the same phases as a drift of the rate.
 
     A relative drift ε over the light curve turns the body as far as at a constant rate ω at the
     time t + w, w = ε [(t − t_m)² − t_m²]/2T; see `modelling.nuisances.rate_drift`. At the rate
     ω (1 + b), and with times of one pass that are late by L, that time is t + a + b t, less L in
     the pass. The two are alike if a, b and L of least squares leave less of w, in the middle of
-    each pass, than the uncertainty of ε. Of three passes this holds for each, whatever ε is.
+    each pass, than the uncertainty of ε. Of three passes this holds for each, whatever ε is. That
+    the rate differs within passes is left out: the prior keeps drifts so small that it turns the
+    body by little there, and a change of the pole does the same.
 
     Parameters
     ----------

@@ -47,14 +47,9 @@ class Solution:
     hits: int
 
 
-def _residual_rms(problem: Problem, z: Floats, data: Epochs, unit: Floats) -> float:
+def _rms(data: Epochs, mean: Floats | jax.Array, unit: Floats | jax.Array) -> float:
     """Root mean square of (observed minus expected brightness)/``unit`` (T,)."""
-    mean = compiled(problem.moments)(jnp.asarray(z), data).mean
-    return _rms(data.brightness - mean, unit)
-
-
-def _rms(residuals: jax.Array, unit: jax.Array | Floats) -> float:
-    return float(np.sqrt(np.mean((np.asarray(residuals) / unit) ** 2)))
+    return float(np.sqrt(np.mean((np.asarray(data.brightness - mean) / unit) ** 2)))
 
 
 def distinct(
@@ -77,8 +72,8 @@ def distinct(
                 continue
             metrics.append(np.asarray(fisher(jnp.asarray(z), data)))
             evidence = _laplace(potential, metrics[-1])
-            rms = _residual_rms(problem, z, data.without_passes(), unit)
-            found.append(Solution(z, float(potential), evidence, rms, 1))
+            mean = compiled(problem.moments)(jnp.asarray(z), data.without_passes()).mean
+            found.append(Solution(z, float(potential), evidence, _rms(data, mean, unit), 1))
     return found
 
 
@@ -166,7 +161,7 @@ def rms(problem: Problem, z: Floats, data: Epochs) -> float:
     if zero_point is not None:
         each = jnp.append(zero_point, 0.0)[data.calibration]
         mean = mean + zero_points.response(data, mean) * each
-    return _rms(data.brightness - mean, data.noise_unit[data.curve])
+    return _rms(data, mean, data.noise_unit[data.curve])
 
 
 def optimise_held(
@@ -215,8 +210,9 @@ def optimum(
 def select_for_sampling(problem: Problem, data: Epochs, found: list[Solution]) -> list[Solution]:
     """The solutions close to the best in fit or evidence, the most probable first."""
     best = min(found, key=lambda s: s.potential)
-    noise = np.asarray(compiled(problem.moments)(jnp.asarray(best.z), data).sd)
-    misfit = [_residual_rms(problem, s.z, data, noise) for s in found]
+    moments = compiled(problem.moments)
+    noise = np.asarray(moments(jnp.asarray(best.z), data).sd)
+    misfit = [_rms(data, moments(jnp.asarray(s.z), data).mean, noise) for s in found]
     likely = max(s.log_evidence for s in found) - MAX_EVIDENCE_DEFICIT
     kept = [
         s

@@ -54,9 +54,10 @@ SENTENCES = {
     "{high:.2f}: take more particles with --num-samples",
     # data
     "data-not-explained": "the model does not explain the data: {why}",
-    "drift-or-late-pass": "the data do not determine the period: it is {period_s:#.7g} s if the "
-    "rate drifts, as in the result, but a constant rate explains them as well, with {passes}; "
-    "observe another pass, or give --clock-sd if the times are certain",
+    "drift-or-late-pass": "the phases do not tell a drift of the rate from late times of a pass, "
+    "and the period depends on it: it is {period_s:#.7g} s if the rate drifts, as in the result, "
+    "but the rate may be constant, with {passes}; observe another pass, or give --clock-sd if the "
+    "times are certain",
     "shadows-left-out": "the parts of the body shade one another, and the fit leaves that out: "
     "their shadows take {percent:.2g} % of the light, which moves {what} by {shift:.2g} standard "
     "deviations; set shadows = true in the body's file, where lengths of parts must be numbers",
