@@ -186,6 +186,7 @@ def guide(
     normals, harmonics, log_weights = grid(n_quadrature, degree)
     if data.t.size * len(normals) < MANY:
         return None
+    shape = coordinates(data, n_quadrature=n_quadrature, degree=degree)["coefficients"]
 
     @jax.jit
     def about(z: jax.Array, information: jax.Array, epochs: Epochs) -> Epochs:
@@ -210,7 +211,9 @@ def guide(
         at, likely = parts(z), jax.lax.map(parts, likely_draws(z, root, LIKELY))
         # The coordinates of some draws may be those of no body.
         likely = jax.tree.map(lambda x, y: jnp.where(jnp.isfinite(x), x, y), likely, at)
-        return replace(epochs, expansion=Expansion.of(light, at, likely, widths, axes, normals))
+        expansion = Expansion.of(light, at, likely, widths, axes, normals)
+        start = shape.start(problem.unravel(z)["coefficients"])
+        return replace(epochs, expansion=expansion._replace(start=start))
 
     return lambda z: about(jnp.asarray(z), compiled(problem.fisher)(z, data), data)
 

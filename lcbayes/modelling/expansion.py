@@ -18,13 +18,16 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.modelling.moments import Start
 from lcbayes.physics.bodies import facets
 
 MOTION = 3  # two components of the pole and the period
 DEGREE = 12  # largest of the harmonics by which the areas may deviate
 RANK = 120  # number of components of the light curves
-CUBIC, QUADRATIC, LINEAR = 20, 10, 4  # numbers of monomials
-POINTS, SPREAD, REACH = 60, 2.0, 4.0  # of the motions at which the brightness is computed
+QUADRATIC, LINEAR = 10, 4  # numbers of monomials
+# Motions at which the brightness is computed, and those at which that of changes of the areas is.
+POINTS, FEW_POINTS = 61, 15
+SPREAD, REACH = 2.0, 4.0  # of the motions
 LIKELY_SD = 1.5  # widths of draws about a solution
 
 type Light = Callable[[jax.Array, jax.Array, jax.Array], jax.Array]
@@ -46,18 +49,18 @@ def monomials(x: Any, degree: int = 3) -> Any:
 
 
 @lru_cache
-def _motions() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Motions (K, 3) in standard deviations, the first at the centre, and weights (20, K).
+def _motions(number: int, degree: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Motions (K, 3) in standard deviations, the first at the centre, and weights (F, K).
 
-    The weights give the coefficients of the cubic polynomial that fits values there best.
+    The weights give the coefficients of the polynomial that fits values there best.
     """
     from scipy.stats import qmc  # slow to import
 
-    even = qmc.Halton(MOTION, scramble=False).fast_forward(1).random(POINTS)
+    even = qmc.Halton(MOTION, scramble=False).fast_forward(1).random(number - 1)
     motions = np.clip(SPREAD * ndtri(even), -REACH, REACH)
     motions = np.concatenate([np.zeros((1, MOTION)), motions])
     with jax.ensure_compile_time_eval():
-        return motions, np.linalg.pinv(np.asarray(monomials(motions)))
+        return motions, np.linalg.pinv(np.asarray(monomials(motions, degree)))
 
 
 def likely_draws(z: jax.Array, root: jax.Array, number: int) -> jax.Array:
@@ -94,8 +97,10 @@ class Expansion(NamedTuple):
         Of the light curves, orthonormal.
     response : (R, 11 J), single precision
         The coefficients of P₂, and E, in these components.
-    harmonics : (N, J)
+    harmonics : (N, J), single precision
         Y.
+    start : Start, optional
+        From which the coordinates of the areas are inverted.
     """
 
     axes: jax.Array
@@ -108,6 +113,7 @@ class Expansion(NamedTuple):
     components: jax.Array
     response: jax.Array
     harmonics: jax.Array
+    start: Start | None = None
 
     @classmethod
     def of(
@@ -140,53 +146,52 @@ class Expansion(NamedTuple):
         relief = area[:, None] * harmonics
         # changes of the areas for which YᵀΔ is a unit vector
         changes = jnp.linalg.solve(harmonics.T @ relief, relief.T).T
-        bodies = jnp.concatenate([area[:, None], changes], axis=1)
 
-        def seen(motion: jax.Array) -> tuple[jax.Array, jax.Array]:
-            """f of all bodies with c̄, and its change with c, (T, 1 + J) each."""
+        def of_area(motion: jax.Array) -> tuple[jax.Array, jax.Array]:
+            """f, and its change with c, (T,) each."""
+            f = light(centre + widths * motion, area, lambert)
+            return f, light(centre + widths * motion, area, lambert + 1.0) - f
 
-            def of(body: jax.Array) -> tuple[jax.Array, jax.Array]:
-                f = light(centre + widths * motion, body, lambert)
-                return f, light(centre + widths * motion, body, lambert + 1.0) - f
+        def of_changes(motion: jax.Array, lambert: jax.Array) -> jax.Array:
+            """f of the changes of the areas, (T, J)."""
+            motion = centre + widths * motion
+            return jax.vmap(lambda body: light(motion, body, lambert), 1, 1)(changes)
 
-            return jax.vmap(of, 1, 1)(bodies)
-
-        def add(sums, at):
+        def add(response: jax.Array, at: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, None]:
             motion, weights = at
-            f, change = seen(motion)
-            new = (
-                jnp.multiply.outer(weights, f[:, 0]),
-                jnp.multiply.outer(weights[:LINEAR], change[:, 0]),
-                jnp.multiply.outer(weights[:QUADRATIC], f[:, 1:]),
-            )
-            return jax.tree.map(jnp.add, sums, new), None
+            return response + jnp.multiply.outer(weights, of_changes(motion, lambert)), None
 
-        motions, weights = _motions()
-        f, change = seen(jnp.zeros(MOTION))
-        shapes = (CUBIC, len(f)), (LINEAR, len(f)), (QUADRATIC, *f[:, 1:].shape)
-        zero = tuple(jnp.zeros(shape) for shape in shapes)
-        each = jnp.asarray(motions), jnp.asarray(weights.T)
-        (cubic, linear, response), _ = jax.lax.scan(add, zero, each)
-        response = jnp.concatenate([response, change[None, :, 1:]])
-        response = jnp.moveaxis(response, 0, 1).reshape(len(f), -1)
+        motions, weights = _motions(POINTS, 3)
+        f, change = jax.lax.map(of_area, jnp.asarray(motions))
+        cubic, linear = weights @ f, weights[:LINEAR] @ change
+        motions, weights = _motions(FEW_POINTS, 2)
+        size, number = f.shape[1], harmonics.shape[1]
+        zero = jnp.zeros((QUADRATIC, size, number))
+        response, _ = jax.lax.scan(add, zero, (jnp.asarray(motions), jnp.asarray(weights.T)))
+        middle = jnp.zeros(MOTION)
+        change = of_changes(middle, lambert + 1.0) - of_changes(middle, lambert)
+        response = jnp.concatenate([response, change[None]])
+        response = jnp.moveaxis(response, 0, 1).reshape(size, -1)
         whole = cls(
-            axes, centre, widths, area, lambert, cubic, linear, jnp.eye(len(f)), response, harmonics
+            axes, centre, widths, area, lambert, cubic, linear, jnp.eye(size), response, harmonics
         )
         motions, areas, lamberts = likely
         m = monomials((motions - centre) / widths)
         curves = response @ jax.vmap(whole._deviations)(m, areas, lamberts).T
         components = jnp.linalg.svd(curves, full_matrices=False)[0][:, :RANK]
-        kept = (x.astype(jnp.float32) for x in (components, components.T @ response))
-        return whole._replace(components=next(kept), response=next(kept))
+        kept = {"components": components, "response": components.T @ response}
+        kept |= {"harmonics": harmonics}
+        return whole._replace(**{k: x.astype(jnp.float32) for k, x in kept.items()})
 
     def _deviations(self, m: jax.Array, area: jax.Array, lambert: jax.Array) -> jax.Array:
         """What the matrices are multiplied by, for monomials m of the motion, (11 J,)."""
-        weights = jnp.append(m[:QUADRATIC], lambert - self.lambert)
-        return jnp.outer(weights, (area - self.area) @ self.harmonics).ravel()
+        precision = self.harmonics.dtype
+        weights = jnp.append(m[:QUADRATIC], lambert - self.lambert).astype(precision)
+        return jnp.outer(weights, (area - self.area).astype(precision) @ self.harmonics).ravel()
 
     def __call__(self, motion: jax.Array, area: jax.Array, lambert: jax.Array) -> jax.Array:
         """f (T,) of a motion (3,), areas (N,) and c."""
         m, change = monomials((motion - self.centre) / self.widths), lambert - self.lambert
-        deviations = self._deviations(m, area, lambert).astype(self.response.dtype)
+        deviations = self._deviations(m, area, lambert)
         flux = m @ self.cubic + change * (m[:LINEAR] @ self.linear)
         return flux + (self.components @ (self.response @ deviations)).astype(flux.dtype)

@@ -2,13 +2,61 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 from numpyro.distributions import constraints
 from numpyro.distributions.transforms import Transform
 
 from lcbayes.core.jax_setup import jax, jnp
 
 MAX_NEWTON_STEPS = 40
+CONVERGED = 1e-12  # square of a Newton step, in widths of p; the next would be the square of it
+
+
+class Start(NamedTuple):
+    """Where Newton's method starts for points x near x̄: c′ = c̄′ + slope (x − x̄)."""
+
+    x: jax.Array  # (K,)
+    c: jax.Array  # (n,)
+    slope: jax.Array  # (n, K)
+
+    def __call__(self, x: jax.Array) -> jax.Array:
+        return self.c + self.slope @ (x - self.x)
+
+
+class Table(NamedTuple):
+    """Functions on a grid, and their products as sums of a few others: Y = U S, Yᵢ Yⱼ = U P.
+
+    Products of harmonics up to degree L are sums of those up to 2L: 81 functions in place of 300
+    products for L = 4, so that their means take a third of the time.
+    """
+
+    basis: NDArray[np.float64]  # (N, n) Y
+    functions: NDArray[np.float64]  # (N, R) U
+    sums: NDArray[np.float64]  # (R, n) S
+    products: NDArray[np.float64]  # (R, n (n + 1)/2) P, of i ≤ j
+    pairs: NDArray[np.int64]  # (n, n) column of P
+
+    @classmethod
+    def of(cls, basis: NDArray[np.float64]) -> Table:
+        n = basis.shape[1]
+        i, j = np.triu_indices(n)
+        pairs = np.zeros((n, n), np.int64)
+        pairs[i, j] = pairs[j, i] = np.arange(i.size)
+        every = np.concatenate([basis, basis[:, i] * basis[:, j]], axis=1)
+        functions, values, rows = np.linalg.svd(every, full_matrices=False)
+        kept = values > 1e-12 * values[0]
+        rows = values[kept, None] * rows[kept]
+        return cls(basis, functions[:, kept], rows[:, :n], rows[:, n:], pairs)
+
+    def moments(self, log_area: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+        """Mean (n,) and covariance (n, n) of Y under p = softmax(log_area), and p (N,)."""
+        p = jax.nn.softmax(log_area)
+        means = p @ jnp.asarray(self.functions)
+        m = means @ self.sums
+        return m, (means @ self.products)[self.pairs] - jnp.outer(m, m), p
 
 
 class MomentCoordinates(Transform):
@@ -45,26 +93,36 @@ class MomentCoordinates(Transform):
         self.basis = basis
         self.n_moments = n_moments
         self.log_weights = log_weights
+        self.table = Table.of(basis[:, :n_moments])
 
-    def __call__(self, x: jax.Array) -> jax.Array:
+    def __call__(self, x: jax.Array, start: Start | None = None) -> jax.Array:
         """c of x = (m, c″), (K,), by Newton's method; NaN if no positive areas have moments m."""
         n = self.n_moments
-        basis, high = jnp.asarray(self.basis[:, :n]), jnp.asarray(self.basis[:, n:])
-        return jnp.concatenate([_natural(basis, x[:n], high @ x[n:] + self.log_weights), x[n:]])
+        first = jnp.zeros(n) if start is None else start(x)
+        return jnp.concatenate([_natural(self.table, x[:n], self._offset(x), first), x[n:]])
+
+    def _offset(self, y: jax.Array) -> jax.Array:
+        """ln of the areas for c′ = 0, (N,)."""
+        return jnp.asarray(self.basis[:, self.n_moments :]) @ y[self.n_moments :] + self.log_weights
+
+    def _moments(self, y: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+        low = jnp.asarray(self.table.basis) @ y[: self.n_moments]
+        return self.table.moments(low + self._offset(y))
+
+    def start(self, x: jax.Array) -> Start:
+        """For points near x (K,)."""
+        n = self.n_moments
+        return Start(x, self(x)[:n], jax.jacfwd(self)(x)[:n])
 
     def _inverse(self, y: jax.Array) -> jax.Array:
-        n = self.n_moments
-        log_area = self.basis @ y + self.log_weights
-        return jnp.concatenate([_moments(self.basis[:, :n], log_area)[0], y[n:]])
+        return jnp.concatenate([self._moments(y)[0], y[self.n_moments :]])
 
     def log_abs_det_jacobian(self, x, y, intermediates=None):  # noqa: ARG002 - numpyro's signature
-        log_area = self.basis @ y + self.log_weights
-        covariance = _moments(self.basis[:, : self.n_moments], log_area)[1]
-        return -2.0 * jnp.sum(jnp.log(jnp.diagonal(jnp.linalg.cholesky(covariance))))
+        return -_log_det(self._moments(y)[1])
 
     def tree_flatten(self):
-        kept = {"basis": self.basis, "n_moments": self.n_moments}
-        return (), ((), kept | {"log_weights": self.log_weights})
+        kept = ("basis", "n_moments", "log_weights", "table")
+        return (), ((), {k: getattr(self, k) for k in kept})
 
     def __eq__(self, other: object) -> bool:
         return (
@@ -78,28 +136,34 @@ class MomentCoordinates(Transform):
         return hash((id(self.basis), self.n_moments, id(self.log_weights)))
 
 
-def _moments(basis, log_area) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Mean and covariance of the basis functions under p = softmax(log_area), and p."""
-    p = jax.nn.softmax(log_area)
-    m = p @ basis
-    return m, basis.T @ (basis * p[:, None]) - jnp.outer(m, m), p
-
-
 def _solve(covariance: jax.Array, right: jax.Array) -> jax.Array:
     return jax.scipy.linalg.cho_solve((jnp.linalg.cholesky(covariance), True), right)
 
 
 @jax.custom_jvp
-def _natural(basis: jax.Array, m: jax.Array, offset: jax.Array) -> jax.Array:
-    """Minimum c of the convex log Σ exp(Y c + offset) − m·c, by damped Newton steps."""
+def _log_det(covariance: jax.Array) -> jax.Array:
+    return 2.0 * jnp.sum(jnp.log(jnp.diagonal(jnp.linalg.cholesky(covariance))))
+
+
+@_log_det.defjvp
+def _log_det_jvp(primals, tangents):
+    """d ln |A| = tr A⁻¹ dA, which takes less time than the derivative of Cholesky's factor."""
+    (covariance,), (change,) = primals, tangents
+    inverse = _solve(covariance, jnp.eye(len(covariance)))
+    return _log_det(covariance), jnp.sum(inverse * change)
+
+
+@jax.custom_jvp
+def _natural(table: Table, m: jax.Array, offset: jax.Array, first: jax.Array) -> jax.Array:
+    """Minimum c of the convex log Σ exp(Y c + offset) − m·c, by Newton steps from ``first``."""
 
     def cond(state):
         i, _, decrement = state
-        return (i < MAX_NEWTON_STEPS) & (decrement > 1e-14)  # the next step would square it
+        return (i < MAX_NEWTON_STEPS) & (decrement > CONVERGED)
 
     def body(state):
         i, c, _ = state
-        mean, covariance, _ = _moments(basis, basis @ c + offset)
+        mean, covariance, _ = table.moments(table.basis @ c + offset)
         step = _solve(covariance, m - mean)
         decrement = step @ (m - mean)
         # Full steps within the region of quadratic convergence, damped steps outside it
@@ -107,16 +171,16 @@ def _natural(basis: jax.Array, m: jax.Array, offset: jax.Array) -> jax.Array:
         length = jnp.where(decrement < 0.25, 1.0, 1.0 / (1.0 + jnp.sqrt(decrement)))
         return i + 1, c + length * step, decrement
 
-    start = (0, jnp.zeros(m.shape[0]), jnp.array(jnp.inf))
+    start = (0, first, jnp.array(jnp.inf))
     _, c, decrement = jax.lax.while_loop(cond, body, start)
     return jnp.where(decrement < 1e-10, c, jnp.nan)
 
 
 @_natural.defjvp
 def _natural_jvp(primals, tangents):
-    basis, m, offset = primals
-    _, d_m, d_offset = tangents
-    c = _natural(basis, m, offset)
-    mean, covariance, p = _moments(basis, basis @ c + offset)
-    lifted = (p * d_offset) @ basis - mean * (p @ d_offset)
+    table, m, offset, first = primals
+    _, d_m, d_offset, _ = tangents
+    c = _natural(table, m, offset, first)
+    mean, covariance, p = table.moments(table.basis @ c + offset)
+    lifted = (p * d_offset) @ table.basis - mean * (p @ d_offset)
     return c, _solve(covariance, d_m - lifted)

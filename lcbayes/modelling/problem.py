@@ -21,6 +21,7 @@ from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.modelling import zero_points
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import FLUX, OBSERVED, Contaminated, Law
+from lcbayes.modelling.moments import MomentCoordinates
 from lcbayes.modelling.nuisances import drawn_jointly
 from lcbayes.modelling.nutation import RESPONSE
 from lcbayes.modelling.priors import UniformDirection
@@ -162,11 +163,12 @@ class Problem:
         """Indices of some sites in the flat vector."""
         return np.concatenate([np.zeros(0, np.int64), *(self._rows[k] for k in names)])
 
-    def _sites(self, free: Sites) -> tuple[Sites, jax.Array]:
+    def _sites(self, free: Sites, data: Epochs) -> tuple[Sites, jax.Array]:
         sites, log_det = {}, jnp.zeros(())
+        start = getattr(data.expansion, "start", None)
         for names, transform in self._transforms.items():
             x = _joined(names, free)
-            y = transform(x)
+            y = transform(x, start) if isinstance(transform, MomentCoordinates) else transform(x)
             sites |= _separate(names, y)
             log_det += jnp.sum(transform.log_abs_det_jacobian(x, y))
         return sites, log_det
@@ -178,7 +180,7 @@ class Problem:
         return free
 
     def _trace(self, z: jax.Array | Sites, data: Epochs):
-        sites, log_det = self._sites(z if isinstance(z, dict) else self.unravel(z))
+        sites, log_det = self._sites(z if isinstance(z, dict) else self.unravel(z), data)
         return self.trace(sites, data), log_det
 
     def trace(self, sites: Sites, data: Epochs, key: jax.Array | None = None) -> dict[str, Any]:

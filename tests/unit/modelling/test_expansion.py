@@ -127,6 +127,9 @@ def test_the_density_of_an_asteroid_is_nearly_that_of_its_guide(asteroid):
     assert len(found) > 30
     assert found.std() < 0.3
     assert np.abs(found).max() < 1.5
+    # Where the coordinates of the areas are inverted from does not.
+    cold = replace(about, expansion=about.expansion._replace(start=None))
+    np.testing.assert_allclose(errors(problem, data, draws, cold), found, rtol=0.0, atol=1e-6)
     # Both terms matter for the draws of this posterior.
     parts = about.expansion
     for name, missing in (

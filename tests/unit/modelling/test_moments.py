@@ -1,9 +1,12 @@
 """Mixed coordinates of a log-linear body against automatic and finite differences."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.modelling import moments
 from lcbayes.modelling.moments import MomentCoordinates
 from lcbayes.physics.bodies import facets
 
@@ -63,3 +66,35 @@ def test_moments_beyond_any_positive_areas_are_nan():
     # More in one harmonic than even a body with a single facet has.
     x = jnp.zeros(N_BASIS).at[0].set(1.01 * np.abs(BASIS[:, 0]).max())
     assert np.isnan(np.asarray(TRANSFORM(x))[:N_MOMENTS]).all()
+
+
+def test_covariance_of_the_functions_against_sums_over_the_grid(coefficients):
+    area = WEIGHTS * np.exp(BASIS @ np.asarray(coefficients))
+    low, p = BASIS[:, :N_MOMENTS], area / area.sum()
+    mean, covariance, share = TRANSFORM.table.moments(jnp.log(area))
+    np.testing.assert_allclose(share, p, rtol=1e-12)
+    np.testing.assert_allclose(mean, p @ low, atol=1e-13)
+    np.testing.assert_allclose(covariance, np.cov(low.T, aweights=p, ddof=0), atol=1e-13)
+
+
+def test_products_of_harmonics_are_sums_of_those_up_to_twice_their_degree():
+    assert TRANSFORM.table.functions.shape == (len(NODES), 25)
+
+
+@pytest.mark.parametrize("distance", [0.0, 0.1, 1.0])
+def test_a_start_nearby_does_not_change_the_result(coefficients, distance):
+    x = jnp.asarray(TRANSFORM.inv(coefficients))
+    other = coefficients + distance * np.random.default_rng(3).normal(size=N_BASIS)
+    start = TRANSFORM.start(jnp.asarray(TRANSFORM.inv(other)))
+    np.testing.assert_allclose(TRANSFORM(x, start), coefficients, rtol=1e-8, atol=1e-10)
+    near, far = (jax.jacrev(partial(TRANSFORM, start=s))(x) for s in (start, None))
+    np.testing.assert_allclose(near, far, rtol=1e-6, atol=1e-8)
+
+
+def test_a_start_nearby_saves_steps(monkeypatch):
+    coefficients = jnp.asarray(np.random.default_rng(1).normal(size=N_BASIS))
+    x = jnp.asarray(TRANSFORM.inv(coefficients))
+    start = TRANSFORM.start(jnp.asarray(TRANSFORM.inv(coefficients + 0.05)))
+    monkeypatch.setattr(moments, "MAX_NEWTON_STEPS", 4)
+    assert np.isfinite(np.asarray(TRANSFORM(x, start))).all()
+    assert np.isnan(np.asarray(TRANSFORM(x))).any()
