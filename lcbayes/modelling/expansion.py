@@ -25,7 +25,7 @@ MOTION = 3  # two components of the pole and the period
 DEGREE = 12  # largest of the harmonics by which the areas may deviate
 RANK = 120  # number of components of the light curves
 QUADRATIC, LINEAR = 10, 4  # numbers of monomials
-# Motions at which the brightness is computed, and those at which that of changes of the areas is.
+# Numbers of motions at which the brightness of the body and of changes of its areas is computed.
 POINTS, FEW_POINTS = 61, 15
 SPREAD, REACH = 2.0, 4.0  # of the motions
 LIKELY_SD = 1.5  # widths of draws about a solution

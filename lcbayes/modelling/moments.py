@@ -12,7 +12,7 @@ from numpyro.distributions.transforms import Transform
 from lcbayes.core.jax_setup import jax, jnp
 
 MAX_NEWTON_STEPS = 40
-CONVERGED = 1e-12  # square of a Newton step, in widths of p; the next would be the square of it
+CONVERGED = 1e-12  # squared Newton decrement; that of the next step is its square
 
 
 class Start(NamedTuple):
@@ -26,36 +26,36 @@ class Start(NamedTuple):
         return self.c + self.slope @ (x - self.x)
 
 
-class Table(NamedTuple):
-    """Functions on a grid, and their products as sums of a few others: Y = U S, Yᵢ Yⱼ = U P.
+class Basis(NamedTuple):
+    """Functions Y on a grid, and their products as sums of a few others: Y = U S, Yᵢ Yⱼ = U P.
 
     Products of harmonics up to degree L are sums of those up to 2L: 81 functions in place of 300
     products for L = 4, so that their means take a third of the time.
     """
 
-    basis: NDArray[np.float64]  # (N, n) Y
-    functions: NDArray[np.float64]  # (N, R) U
-    sums: NDArray[np.float64]  # (R, n) S
+    values: NDArray[np.float64]  # (N, n) Y
+    span: NDArray[np.float64]  # (N, R) U
+    singles: NDArray[np.float64]  # (R, n) S
     products: NDArray[np.float64]  # (R, n (n + 1)/2) P, of i ≤ j
     pairs: NDArray[np.int64]  # (n, n) column of P
 
     @classmethod
-    def of(cls, basis: NDArray[np.float64]) -> Table:
-        n = basis.shape[1]
+    def of(cls, values: NDArray[np.float64]) -> Basis:
+        n = values.shape[1]
         i, j = np.triu_indices(n)
         pairs = np.zeros((n, n), np.int64)
         pairs[i, j] = pairs[j, i] = np.arange(i.size)
-        every = np.concatenate([basis, basis[:, i] * basis[:, j]], axis=1)
-        functions, values, rows = np.linalg.svd(every, full_matrices=False)
-        kept = values > 1e-12 * values[0]
-        rows = values[kept, None] * rows[kept]
-        return cls(basis, functions[:, kept], rows[:, :n], rows[:, n:], pairs)
+        every = np.concatenate([values, values[:, i] * values[:, j]], axis=1)
+        span, sizes, rows = np.linalg.svd(every, full_matrices=False)
+        kept = sizes > 1e-12 * sizes[0]
+        rows = sizes[kept, None] * rows[kept]
+        return cls(values, span[:, kept], rows[:, :n], rows[:, n:], pairs)
 
-    def moments(self, log_area: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
-        """Mean (n,) and covariance (n, n) of Y under p = softmax(log_area), and p (N,)."""
-        p = jax.nn.softmax(log_area)
-        means = p @ jnp.asarray(self.functions)
-        m = means @ self.sums
+    def moments(self, c: jax.Array, offset: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+        """Mean (n,) and covariance (n, n) of Y under p ∝ exp(Y c + offset), and p (N,)."""
+        p = jax.nn.softmax(jnp.asarray(self.values) @ c + offset)
+        means = p @ jnp.asarray(self.span)
+        m = means @ self.singles
         return m, (means @ self.products)[self.pairs] - jnp.outer(m, m), p
 
 
@@ -93,21 +93,20 @@ class MomentCoordinates(Transform):
         self.basis = basis
         self.n_moments = n_moments
         self.log_weights = log_weights
-        self.table = Table.of(basis[:, :n_moments])
+        self.low = Basis.of(basis[:, :n_moments])
 
     def __call__(self, x: jax.Array, start: Start | None = None) -> jax.Array:
         """c of x = (m, c″), (K,), by Newton's method; NaN if no positive areas have moments m."""
         n = self.n_moments
         first = jnp.zeros(n) if start is None else start(x)
-        return jnp.concatenate([_natural(self.table, x[:n], self._offset(x), first), x[n:]])
+        return jnp.concatenate([_natural(self.low, x[:n], self._offset(x), first), x[n:]])
 
     def _offset(self, y: jax.Array) -> jax.Array:
         """ln of the areas for c′ = 0, (N,)."""
         return jnp.asarray(self.basis[:, self.n_moments :]) @ y[self.n_moments :] + self.log_weights
 
     def _moments(self, y: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
-        low = jnp.asarray(self.table.basis) @ y[: self.n_moments]
-        return self.table.moments(low + self._offset(y))
+        return self.low.moments(y[: self.n_moments], self._offset(y))
 
     def start(self, x: jax.Array) -> Start:
         """For points near x (K,)."""
@@ -121,7 +120,7 @@ class MomentCoordinates(Transform):
         return -_log_det(self._moments(y)[1])
 
     def tree_flatten(self):
-        kept = ("basis", "n_moments", "log_weights", "table")
+        kept = ("basis", "n_moments", "log_weights", "low")
         return (), ((), {k: getattr(self, k) for k in kept})
 
     def __eq__(self, other: object) -> bool:
@@ -154,7 +153,7 @@ def _log_det_jvp(primals, tangents):
 
 
 @jax.custom_jvp
-def _natural(table: Table, m: jax.Array, offset: jax.Array, first: jax.Array) -> jax.Array:
+def _natural(basis: Basis, m: jax.Array, offset: jax.Array, first: jax.Array) -> jax.Array:
     """Minimum c of the convex log Σ exp(Y c + offset) − m·c, by Newton steps from ``first``."""
 
     def cond(state):
@@ -163,7 +162,7 @@ def _natural(table: Table, m: jax.Array, offset: jax.Array, first: jax.Array) ->
 
     def body(state):
         i, c, _ = state
-        mean, covariance, _ = table.moments(table.basis @ c + offset)
+        mean, covariance, _ = basis.moments(c, offset)
         step = _solve(covariance, m - mean)
         decrement = step @ (m - mean)
         # Full steps within the region of quadratic convergence, damped steps outside it
@@ -178,9 +177,9 @@ def _natural(table: Table, m: jax.Array, offset: jax.Array, first: jax.Array) ->
 
 @_natural.defjvp
 def _natural_jvp(primals, tangents):
-    table, m, offset, first = primals
+    basis, m, offset, first = primals
     _, d_m, d_offset, _ = tangents
-    c = _natural(table, m, offset, first)
-    mean, covariance, p = table.moments(table.basis @ c + offset)
-    lifted = (p * d_offset) @ table.basis - mean * (p @ d_offset)
+    c = _natural(basis, m, offset, first)
+    mean, covariance, p = basis.moments(c, offset)
+    lifted = (p * d_offset) @ basis.values - mean * (p @ d_offset)
     return c, _solve(covariance, d_m - lifted)

@@ -57,7 +57,7 @@ def measured_faults(parameters: Mapping[str, Any], against: Iterable[Reason]) ->
 
 
 def late_passes(instead: Iterable[Mapping[str, Any]]) -> str:
-    """Late passes that would look like a drift of the rate, as in the summary, in words."""
+    """Late passes that give the same phases as a drift, as in the summary, in words."""
     passes = [
         f"pass {one['number']} too {'late' if one['late_s'] > 0 else 'early'} by "
         f"{abs(one['late_s']):.2g} s (the period is then about {one['period_s']:#.5g} s)"
