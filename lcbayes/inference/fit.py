@@ -31,7 +31,7 @@ from lcbayes.inference import (
 from lcbayes.inference.arrangements import by_motion, joint, number_to_sample, plausible
 from lcbayes.inference.bridge_evidence import evidence
 from lcbayes.inference.goodness_of_fit import measure
-from lcbayes.inference.label_switching import AttitudeOrder, FacetOrder
+from lcbayes.inference.label_switching import AttitudeOrder, FacetOrder, by_size
 from lcbayes.inference.modes import (
     Mode,
     join,
@@ -67,6 +67,7 @@ from lcbayes.samplers.tempering_path import time_ordered
 Floats = NDArray[np.float64]
 
 SEARCH, AGAIN = "search", "search-again"  # in a checkpoint
+NEGLIGIBLE = 20.0  # nats below the best evidence at which a solution is left out
 
 
 @dataclass
@@ -375,27 +376,7 @@ class Stages:
         elif isinstance(order, AttitudeOrder):
             most = number_to_sample(groups, most, near_gaussian=True)
         sampled, rest = groups[:most], [s for group in groups[most:] for s in group]
-        modes: list[Mode] = []
-        draws = len(sampled) * settings.num_chains * sum(sampler.n_blocks) * BLOCK
-        with self.progress.stage("sampling", draws, "draws") as track:
-            for i, group in enumerate(sampled):
-                optima = plausible(group, APART_SE)
-                starts = [np.asarray(_translate(self.plain, problem, s.z, data)) for s in optima]
-                z0 = starts[0]
-                z, stats, whitening, tuning = sampler.run(
-                    f"mode-{i}",
-                    np.stack([order.like(start, z0) for start in starts]),
-                    data,
-                    jax.random.fold_in(key, i),
-                    self.checkpoint,
-                    self.timing,
-                    track,
-                )
-                z = _in_order(problem, order, z, z0, data)
-                rng = np.random.default_rng([settings.seed, i])
-                energies = stats["potential_energy"]
-                log_z = evidence(problem, data, order, whitening, z, z0, rng, energies)
-                join(modes, Mode(joint(group), z, stats, log_z, tuning=tuning), order)
+        modes = self._modes(sampler, order, sampled, data, key)
         recount(modes, self.plain, problem, found.ends, order, data)
         left, share = unsampled(modes, self.plain, problem, rest, order, data)
         error = 0.0
@@ -420,6 +401,49 @@ class Stages:
             spins,
         )
 
+    def _modes(
+        self,
+        sampler: Sampler,
+        order: FacetOrder,
+        groups: Sequence[Sequence[Solution]],
+        data: Epochs,
+        key: jax.Array,
+    ) -> list[Mode]:
+        """Chains about each group of optima, with its evidence.
+
+        A solution whose first draws show that it holds next to nothing of the posterior is left
+        out: Laplace's approximation, by which it was chosen, may be wrong by many nats.
+        """
+        settings, problem = self.settings, sampler.problem
+        modes: list[Mode] = []
+        draws = len(groups) * settings.num_chains * sum(sampler.n_blocks) * BLOCK
+        with self.progress.stage("sampling", draws, "draws") as track:
+            for i, group in enumerate(groups):
+                optima = plausible(group, APART_SE)
+                starts = [np.asarray(_translate(self.plain, problem, s.z, data)) for s in optima]
+                z0 = starts[0]
+                best = max((m.log_evidence.value for m in modes), default=-np.inf)
+                chains = sampler.run(
+                    f"mode-{i}",
+                    np.stack([order.like(start, z0) for start in starts]),
+                    data,
+                    jax.random.fold_in(key, i),
+                    self.checkpoint,
+                    self.timing,
+                    track,
+                    best - order.log_orders - NEGLIGIBLE,
+                )
+                if chains is None:
+                    self.progress.say(f"solution {i + 1} is left out: its share is below 10⁻⁶")
+                    continue
+                z = by_size(problem, order, chains.z, z0, data)
+                rng = np.random.default_rng([settings.seed, i])
+                energies = chains.stats["potential_energy"]
+                log_z = evidence(problem, data, order, chains.whitening, z, z0, rng, energies)
+                new = Mode(joint(group), z, chains.stats, log_z, tuning=chains.tuning)
+                join(modes, new, order)
+        return modes
+
     def _annealed(
         self,
         problem: Problem,
@@ -441,7 +465,7 @@ def posterior_of(
 ) -> Posterior:
     """The posterior of particles, with the facets of each solution in order of size."""
     for mode in modes:
-        mode.z = _in_order(problem, order, mode.z, mode.solution.z, data)
+        mode.z = by_size(problem, order, mode.z, mode.solution.z, data)
     return Posterior(problem, data, modes, log_evidence, 1)
 
 
@@ -469,26 +493,6 @@ def _translate(source: Problem, target: Problem, z: Floats, data: Epochs) -> jax
     if source is target:
         return jnp.asarray(z)
     return target.ravel(source.constrain(jnp.asarray(z), data))
-
-
-def _in_order(
-    problem: Problem, order: FacetOrder, z: Floats, centre: Floats, data: Epochs
-) -> Floats:
-    """Facets of every draw matched to those of the centre, then sorted by decreasing size."""
-    flat = order.like_all(z.reshape(-1, z.shape[-1]), centre)
-    if order.n_facets < 2:
-        return flat.reshape(z.shape)
-    if "albedo_area" not in jax.eval_shape(problem.constrain, flat[0], data):
-        return flat.reshape(z.shape)  # a user-defined model whose facets have no size
-    sizes = np.asarray(_sizes(problem, flat, data)).mean(axis=0)
-    mean = sizes[-order.n_facets :]  # facets of known normal come first
-    columns = order.by_size(np.arange(float(flat.shape[1])), mean).astype(int)
-    return flat[:, columns].reshape(z.shape)
-
-
-@partial(jax.jit, static_argnums=0)
-def _sizes(problem: Problem, rows: Floats, data: Epochs) -> jax.Array:
-    return jax.vmap(lambda row: problem.constrain(row, data)["albedo_area"])(jnp.asarray(rows))
 
 
 __all__ = ["Mode", "Posterior", "run"]

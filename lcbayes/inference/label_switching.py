@@ -16,6 +16,7 @@ from scipy.optimize import linear_sum_assignment
 
 from lcbayes.core.blocks import in_blocks
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
 
 Floats = NDArray[np.float64]
@@ -151,3 +152,21 @@ def _images(problem: Problem, moves: Mapping[str, Any], rows: jax.Array) -> jax.
         return problem.replaced(z, {name: moved(m) for name, m in move.items()})
 
     return jax.vmap(lambda z: jax.vmap(partial(one, z))(moves))(rows)
+
+
+def by_size(problem: Problem, order: FacetOrder, z: Floats, centre: Floats, data: Epochs) -> Floats:
+    """Facets of every draw matched to those of the centre, then sorted by decreasing size."""
+    flat = order.like_all(z.reshape(-1, z.shape[-1]), centre)
+    if order.n_facets < 2:
+        return flat.reshape(z.shape)
+    if "albedo_area" not in jax.eval_shape(problem.constrain, flat[0], data):
+        return flat.reshape(z.shape)  # a user-defined model whose facets have no size
+    sizes = np.asarray(_sizes(problem, flat, data)).mean(axis=0)
+    mean = sizes[-order.n_facets :]  # facets of known normal come first
+    columns = order.by_size(np.arange(float(flat.shape[1])), mean).astype(int)
+    return flat[:, columns].reshape(z.shape)
+
+
+@partial(jax.jit, static_argnums=0)
+def _sizes(problem: Problem, rows: Floats, data: Epochs) -> jax.Array:
+    return jax.vmap(lambda row: problem.constrain(row, data)["albedo_area"])(jnp.asarray(rows))

@@ -139,7 +139,8 @@ class Sampler:
         checkpoint: Checkpoint,
         timing: Timing,
         track: Track,
-    ) -> Chains:
+        least: float = -np.inf,
+    ) -> Chains | None:
         """Draws about the solution of which ``starts`` (n, D) are optima, the best first.
 
         The chains begin at the optima in turn, so that R-hat tells whether they mix. After a part
@@ -148,6 +149,9 @@ class Sampler:
 
         A guide is dropped, and the chains begin again without it, if it is too different from the
         posterior there.
+
+        Nothing is returned, after a part of the warm-up, if the logarithm of the evidence then
+        appears to be below ``least``.
 
         If `num_samples` draws do not suffice for convergence, the chains are extended, up to
         `most_samples`. If more NUTS transitions have diverged than all requested draws may contain,
@@ -179,8 +183,11 @@ class Sampler:
                     whitening, about = self._at_mean(blocks[-1], whitening, about, data)
                     if self.guide is not None and not self._similar(blocks[-1], about, data):
                         track.more(per_block * i)
-                        rest = starts, data, key, checkpoint, timing, track
+                        rest = starts, data, key, checkpoint, timing, track, least
                         return self._without_guide().run(name + EXACT, *rest)
+                    if _log_evidence(blocks[-1], whitening) < least:
+                        track.more(-per_block * (end - i))
+                        return None
                     args = (whitening, data, *self._further(about))
                     near = [chains.Whitening.point(z[-1]) for z in blocks[-1]["z"]]
                     keys = jax.vmap(jax.random.fold_in, (0, None))(keys, i)
@@ -317,6 +324,17 @@ class Sampler:
 
 def _steps(blocks: list[dict[str, NDArray]]) -> float:
     return float(np.mean([b["num_steps"].mean() for b in blocks]))
+
+
+def _log_evidence(block: dict[str, NDArray], whitening: chains.Whitening) -> float:
+    """ln Z from the second half of a block, −⟨U⟩ + D/2 (1 + ln 2π) + ln |factor|.
+
+    This is the mean ln density and the entropy of a Gaussian of the widths of the whitening.
+    Chains that still leave the optimum have a lower energy, so that Z is then too large.
+    """
+    energy = float(block["potential_energy"][:, BLOCK // 2 :].mean())
+    log_det = float(np.linalg.slogdet(whitening.factor)[1])
+    return -energy + 0.5 * len(whitening.centre) * (1 + np.log(2 * np.pi)) + log_det
 
 
 def _finer(state):

@@ -23,7 +23,7 @@ def sampled(
     guide=None,
 ) -> sampling.Chains:
     with Silent().stage("sampling", 1, "draws") as track:
-        return sampling.Sampler(problem, settings, 1, guide=guide).run(
+        chains = sampling.Sampler(problem, settings, 1, guide=guide).run(
             "mode-0",
             np.asarray([start]),
             data,
@@ -32,3 +32,5 @@ def sampled(
             sampling.Timing(),
             track,
         )
+    assert chains is not None
+    return chains
