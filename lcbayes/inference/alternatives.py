@@ -48,6 +48,7 @@ SAME_LAW = 1e-6  # of the mean flux: a law whose brightness differs by less is t
 MAX_FREQUENCIES = 256
 LEAST_SLOPE = 4  # points of a pass with a slope of its own
 MAX_NIGHTS = 6  # with nutation of their own
+LATE_CURVE = "late-curve"
 MAX_NAMED = 12  # observers, calibrations or passes of one with an alternative each
 
 
@@ -134,12 +135,13 @@ def alternatives(
         candidates += _drift(problem, z, data, spin)
         if not kinds or "nutation" in kinds:
             candidates += _nutation(problem, z, data, sites)
+    if "period_h" in sites and (not kinds or LATE_CURVE in kinds):
+        candidates += _late_curve(problem, z, data, names["curves"], float(sites["period_h"]))
     if "period_h" in sites and not kinds:
         apparitions = [*_apparitions(flux, data, names["apparitions"])]
         # one of a single night stands for the zero point of that night
         same = {column.tobytes() for one in apparitions for column in one.columns}
         candidates = [one for one in candidates if one.columns.tobytes() not in same]
-        candidates += _late_curve(problem, z, data, names["curves"], float(sites["period_h"]))
         candidates += apparitions
     if {"sun_body", "normals"} <= sites.keys() and not kinds:
         base = np.asarray(sites.get("normals_base", sites["normals"]))
@@ -252,7 +254,7 @@ def _late_curve(
     if len(names) > 1:
         columns = np.where(here, 60.0 * _by_time(problem, z, data, moving=True), 0.0)
         reach = LINEAR_TURN * period_h * HOUR_S / (2.0 * np.pi * 60.0)
-        yield Alternative("late-curve", "", "min", columns[:, None], names, reach=reach)
+        yield Alternative(LATE_CURVE, "", "min", columns[:, None], names, reach=reach)
 
 
 def _apparitions(flux: Floats, data: Epochs, names: tuple[str, ...]) -> Iterator[Alternative]:

@@ -434,7 +434,7 @@ class Stages:
                     best - order.log_orders - NEGLIGIBLE,
                 )
                 if chains is None:
-                    self.progress.say(f"solution {i + 1} is left out: its share is below 10⁻⁶")
+                    self.progress.say(f"solution {i + 1} is left out: its share is below 10⁻⁸")
                     continue
                 z = by_size(problem, order, chains.z, z0, data)
                 rng = np.random.default_rng([settings.seed, i])

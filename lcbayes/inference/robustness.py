@@ -17,7 +17,7 @@ from lcbayes.core.jax_setup import jnp
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.data.observers import observers
 from lcbayes.data.segments import PASS, split
-from lcbayes.inference.alternatives import alternatives, names_of
+from lcbayes.inference.alternatives import LATE_CURVE, alternatives, names_of
 from lcbayes.inference.misfit_tests import STEP, Projection
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem, compiled
@@ -26,6 +26,8 @@ from lcbayes.modelling.variables import label, reported
 Floats = NDArray[np.float64]
 
 CLOCK_S, ZERO_POINT_MAG, DRIFT_PERCENT, NUTATION_DEG = 0.1, 0.03, 1.0, 0.3
+CURVE_MIN = 1.0
+LATE_CURVE_MIN = "late_curve_1_min"
 SITE_KM, ALONG_TRACK_KM = 0.1, 1.0  # elements lose about 1 km along the track in a day
 ERROR_FACTOR = 1.4
 NUISANCES = (  # meant to move
@@ -41,6 +43,7 @@ FAULTS = (
     "shadows",
     "clock_0.1_s",
     "late_pass_0.1_s",
+    LATE_CURVE_MIN,
     "zero_point_0.03_mag",
     "rate_drift_1_percent",
     "nutation_0.3_deg",
@@ -60,12 +63,15 @@ class Shifts:
         Names as in ``summary.json``.
     by_fault : mapping
         For each key of `FAULTS` that applies to the data, the shifts (Q,): the largest over the
-        sites, nights and passes that may have the fault, and over the frequencies and phases of
-        nutation. For larger errors it is the growth of the sd.
+        sites, nights, passes and curves that may have the fault, and over the frequencies and
+        phases of nutation. For larger errors it is the growth of the sd.
+    by_curve : (C, Q)
+        Of them, the shifts by late times of each curve; no rows if there is only one.
     """
 
     quantities: tuple[str, ...]
     by_fault: dict[str, Floats]
+    by_curve: Floats
 
 
 def shifts(
@@ -92,14 +98,17 @@ def shifts(
     gradient = np.array([slopes[name] / sd[name] for name in names]).reshape(len(names), len(z))
     moved = gradient @ maker.covariance @ maker.jacobian.T * maker.power  # (Q, T)
     by_fault: dict[str, Floats] = {}
+    by_curve = np.zeros((0, len(names)))
     for fault, columns in _columns(problem, z, data, curve):
-        shift = np.linalg.norm(moved @ columns.swapaxes(1, 2), axis=2).max(axis=0, initial=0.0)
-        by_fault[fault] = np.maximum(by_fault.get(fault, 0.0), shift)
+        each = np.linalg.norm(moved @ columns.swapaxes(1, 2), axis=2)
+        if fault == LATE_CURVE_MIN:
+            by_curve = each
+        by_fault[fault] = np.maximum(by_fault.get(fault, 0.0), each.max(axis=0, initial=0.0))
     by_fault["errors_1.4_times"] = _growth(gradient, maker)
     if shadows is not None:
         columns = np.asarray(compiled(problem.response)(jnp.asarray(z), data, jnp.asarray(shadows)))
         by_fault["shadows"] = np.median(np.abs(moved @ columns.T), axis=1)
-    return Shifts(names, {k: by_fault[k] for k in FAULTS if k in by_fault})
+    return Shifts(names, {k: by_fault[k] for k in FAULTS if k in by_fault}, by_curve)
 
 
 def _slopes(problem: Problem, z: Floats, data: Epochs, unit: Floats) -> dict[str, Floats]:
@@ -161,6 +170,7 @@ def _columns(
         "zero-point": ("zero_point_0.03_mag", ZERO_POINT_MAG),
         "clock": ("clock_0.1_s", CLOCK_S),
         "late-pass": ("late_pass_0.1_s", CLOCK_S),
+        LATE_CURVE: (LATE_CURVE_MIN, CURVE_MIN),
         "rate-drift": ("rate_drift_1_percent", DRIFT_PERCENT),
         "nutation": ("nutation_0.3_deg", NUTATION_DEG),
     }

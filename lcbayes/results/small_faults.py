@@ -14,6 +14,7 @@ FAULTS = {
     "shadows": "the shadows of parts on one another",
     "clock_0.1_s": "a clock error of 0.1 s",
     "late_pass_0.1_s": "a clock error of 0.1 s in one pass",
+    "late_curve_1_min": "late times of one curve, by 1 min,",
     "zero_point_0.03_mag": "0.03 mag between sites or nights",
     "rate_drift_1_percent": "a rate drift of 1 %",
     "nutation_0.3_deg": "nutation of 0.3 deg",

@@ -20,6 +20,7 @@ from lcbayes.core.reasons import Finding, Reason
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.geometry.times import Times
 from lcbayes.inference import alternatives, goodness_of_fit, misfit_tests, robustness
+from lcbayes.inference.alternatives import LATE_CURVE
 from lcbayes.inference.fit import Posterior
 from lcbayes.inference.goodness_of_fit import Misfit
 from lcbayes.inference.late_pass import instead_of_drift
@@ -50,6 +51,7 @@ from lcbayes.results.content import (
 )
 from lcbayes.results.draws import weighted_draws
 from lcbayes.results.posterior import dataset
+from lcbayes.results.reasons import cause as in_words
 from lcbayes.results.reasons import reasons, why
 from lcbayes.results.small_faults import MEASURED_SD, late_passes
 from lcbayes.samplers.convergence import MAX_DIVERGING, MAX_RHAT, MIN_ESS
@@ -62,7 +64,7 @@ type ShadowsOf = Callable[[Sequence[Sites], Epochs], Floats | None]
 # Limits of what is trusted, besides those of `samplers.convergence`
 SURE_SE = 0.5  # nats; weights with smaller errors are not doubted
 MAX_APART = 1.05  # R-hat between independent runs
-MAX_SHIFT = 0.5  # sd, by shadows that are left out; 90 % intervals still hold 86 %
+MAX_SHIFT = 0.5  # sd, by what is left out; 90 % intervals still hold 86 %
 SHADOW_DRAWS = 3  # draws at which these are computed, besides the optimum
 LIKELY = 0.5  # probability above which a point counts as an outlier
 
@@ -121,7 +123,7 @@ def summarise(
     late = _late_pass(curve, drawn[0], identity["options"])
     findings = [
         *_findings(posterior, modes, misfit),
-        *_ignored(at_optimum, moved),
+        *_ignored(at_optimum, moved, curve),
         *_drift_or_late(late, drawn[0], misfit),
     ]
     if identity["settings"]["sampler"] == PUBLISHED:
@@ -259,13 +261,34 @@ def _shifts(
     return robustness.shifts(problem, at_optimum.best, data, curve, sd, at_optimum.shadows)
 
 
-def _ignored(at_optimum: _AtOptimum, moved: robustness.Shifts) -> Iterator[Finding]:
-    """Shadows that are left out although they move a quantity by more than `MAX_SHIFT`."""
+def _ignored(
+    at_optimum: _AtOptimum, moved: robustness.Shifts, curve: LightCurve
+) -> Iterator[Finding]:
+    """Shadows that are left out although they move a quantity by more than `MAX_SHIFT`, and times
+    of a curve that appear late by enough to move the spin as far."""
     shift = moved.by_fault.get("shadows", np.zeros(0))
     if shift.size and shift.max() > MAX_SHIFT:
         what = moved.quantities[int(np.argmax(shift))]
         values = {"percent": 100.0 * at_optimum.share, "shift": float(shift.max()), "what": what}
         yield Finding("shadows-left-out", values)
+    yield from _late_curve(at_optimum.misfit, moved, curve)
+
+
+def _late_curve(misfit: Misfit, moved: robustness.Shifts, curve: LightCurve) -> Iterator[Finding]:
+    """A curve that appears late by enough to move the spin, where the noise is inferred.
+
+    The size of such noise makes up for what the model does not explain, so that patterns of the
+    residuals do not refuse the fit.
+    """
+    cause = None if misfit.examination is None else misfit.examination.cause
+    if not misfit.explained or cause is None or cause.name != LATE_CURVE:
+        return
+    shift = moved.by_curve[curve.dated_titles.index(cause.version)] * abs(cause.amount)
+    spin = [i for i, name in enumerate(moved.quantities) if name in SPIN]
+    if spin and shift[spin].max() > MAX_SHIFT:
+        most = spin[int(np.argmax(shift[spin]))]
+        values = {"shift": float(shift[most]), "what": moved.quantities[most]}
+        yield Finding("curve-appears-late", {"late": in_words(cause), **values})
 
 
 def _examined(examination: misfit_tests.Examination) -> Residuals:

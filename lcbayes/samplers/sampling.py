@@ -192,8 +192,7 @@ class Sampler:
                     near = [chains.Whitening.point(z[-1]) for z in blocks[-1]["z"]]
                     keys = jax.vmap(jax.random.fold_in, (0, None))(keys, i)
                     states = list(pool.map(chain, keys, near))
-                stored = checkpoint.load(f"{name}-{i:04d}")
-                if stored is None:
+                if (stored := checkpoint.load(f"{name}-{i:04d}")) is None:
                     stored = self._timed(pool.map(block, states), i < warmup_blocks, timing)
                     checkpoint.save(f"{name}-{i:04d}", stored)
                 states = _unpack(stored, states)
@@ -201,17 +200,14 @@ class Sampler:
                 blocks.append(stored)
                 kept = blocks[first:]
                 diverging = int(sum(b["diverging"].sum() for b in kept))
-                said = f"{_steps([stored]):.0f} steps/draw, {diverging} divergent"
-                track.advance(per_block, said)
+                track.advance(per_block, _said(stored, diverging))
                 tolerable = convergence.MAX_DIVERGING * per_block * (end - first)
                 if diverging > tolerable and halvings and _steps(kept) < 2**chains.DEPTH / 2:
                     states, halvings = [_finer(s) for s in states], halvings - 1
                     track.more(per_block * (len(blocks) - first))
                     first, end = len(blocks), len(blocks) + sample_blocks
                 elif len(blocks) == end:
-                    draws = np.concatenate([b["z"] for b in kept], axis=1)
-                    length = self._required_length(self._in_order(draws, starts[0]), about)
-                    before, end = end, first + -(-length // BLOCK)
+                    before, end = end, first + self._required_blocks(kept, starts[0], about)
                     track.more(per_block * (end - before))
         return self._collected(kept, states, whitening)
 
@@ -299,6 +295,12 @@ class Sampler:
         """Draws (C, S, D) with exchangeable facets in the order of the reference (D,)."""
         return self.ordered(draws.reshape(-1, draws.shape[2]), reference).reshape(draws.shape)
 
+    def _required_blocks(
+        self, kept: list[dict[str, NDArray]], reference: Floats, data: Epochs
+    ) -> int:
+        draws = np.concatenate([b["z"] for b in kept], axis=1)
+        return -(-self._required_length(self._in_order(draws, reference), data) // BLOCK)
+
     def _required_length(self, z: Floats, data: Epochs) -> int:
         """Length at which z (C, S, D) and the quantities that a result reports converge.
 
@@ -320,6 +322,10 @@ class Sampler:
         program = programs(self.problem, sampler, num_warmup, structure, tuple(leaves))
         timing.compile_s += time.monotonic() - begun
         return program
+
+
+def _said(block: dict[str, NDArray], diverging: int) -> str:
+    return f"{_steps([block]):.0f} steps/draw, {diverging} divergent"
 
 
 def _steps(blocks: list[dict[str, NDArray]]) -> float:

@@ -6,6 +6,7 @@ The curves are those of an ellipsoid by a simulator without any code of the pack
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -13,17 +14,22 @@ import pytest
 import lcbayes
 from benchmarks import _asteroids as asteroids
 from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.data.lightcurve import LightCurve
 from lcbayes.geometry.spherical import unit_vector
+from lcbayes.inference import robustness
+from lcbayes.inference.goodness_of_fit import measure
 from lcbayes.inference.misfit_tests import Examination, examine
 from lcbayes.inference.solutions import optimum
 from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
-from lcbayes.modelling.problem import Problem
+from lcbayes.modelling.problem import Problem, compiled
 from lcbayes.models import convex_grid
-from lcbayes.results.reasons import agreement
+from lcbayes.results import summary
+from lcbayes.results.reasons import agreement, reason
 from lcbayes.results.summary import _examined
 
 LATE_MIN, LATE = 20.0, 3  # the times of the fourth curve
+SPIN: tuple[str, ...] = ("period_h", "pole_lat_deg", "pole_lon_deg")
 
 
 @pytest.fixture(scope="module")
@@ -32,10 +38,21 @@ def case() -> asteroids.Case:
     return asteroids.draw_case("ellipsoid", 2)
 
 
-def examined(
-    case: asteroids.Case, folder, **changes: tuple[int, ...]
-) -> tuple[Examination, Epochs]:
-    """The residuals of the best fit about the true pole and period."""
+class Best(NamedTuple):
+    """The best fit about the true pole and period."""
+
+    problem: Problem
+    z: np.ndarray
+    data: Epochs
+    curve: LightCurve
+
+    @property
+    def spin(self) -> np.ndarray:
+        sites = compiled(self.problem.constrain)(jnp.asarray(self.z), self.data)
+        return np.array([float(sites[name]) for name in SPIN])
+
+
+def best(case: asteroids.Case, folder, **changes: tuple[int, ...]) -> Best:
     asteroids.write(case, folder / "asteroid.lcs")
     curve = lcbayes.read(folder / "asteroid.lcs")
     options = {"period": case.period_h, "degree": 4, "n_facets": 100, "n_quadrature": 300}
@@ -45,7 +62,20 @@ def examined(
     middle = {"pole_base": jnp.asarray(case.pole)[None], "period_shift": jnp.zeros(())}
     start = np.asarray(problem.ravel(sphere | middle))
     z, _ = optimum(problem, data, start, np.arange(problem.dim))
-    return examine(problem, z, data, curve), data
+    return Best(problem, z, data, curve)
+
+
+def examined(
+    case: asteroids.Case, folder, **changes: tuple[int, ...]
+) -> tuple[Examination, Epochs]:
+    """The residuals of the best fit."""
+    found = best(case, folder, **changes)
+    return examine(*found), found.data
+
+
+def late(case: asteroids.Case, minutes: float) -> asteroids.Case:
+    """The case with late times of one curve."""
+    return replace(case, t=case.t + np.where(case.curve == LATE, minutes / 1440.0, 0.0))
 
 
 def test_curves_on_time_show_no_pattern(case, tmp_path):
@@ -56,8 +86,7 @@ def test_curves_on_time_show_no_pattern(case, tmp_path):
 
 
 def test_a_late_curve_is_named_with_its_amount(case, tmp_path):
-    late = case.t + np.where(case.curve == LATE, LATE_MIN / 1440.0, 0.0)
-    found, data = examined(replace(case, t=late), tmp_path)
+    found, data = examined(late(case, LATE_MIN), tmp_path)
     assert not data.has_error
     assert "chi2" not in {test.name for test in found.tests}  # of an inferred noise, it is n
     cause = found.cause
@@ -70,6 +99,39 @@ def test_a_late_curve_is_named_with_its_amount(case, tmp_path):
     assert f"the times of {cause.version} are" in said
     assert said.endswith("min too late.")
     assert cause.rough == ("a rough guess" in said)
+
+
+def test_late_times_move_the_spin_as_far_as_is_stated(case, tmp_path):
+    """Beside the spins of fits to times that are late and early by three minutes.
+
+    The information, by which the shifts are stated, leaves out second derivatives.
+    """
+    found = best(case, tmp_path)
+    shifts = robustness.shifts(*found, dict.fromkeys(SPIN, 1.0))
+    columns = [shifts.quantities.index(name) for name in SPIN]
+    stated = shifts.by_curve[:, columns]
+    assert len(stated) == 6
+    np.testing.assert_array_equal(stated.max(axis=0), shifts.by_fault["late_curve_1_min"][columns])
+    later, earlier = (best(late(case, minutes), tmp_path).spin for minutes in (3.0, -3.0))
+    moved = np.abs(later - earlier) / 6.0
+    np.testing.assert_allclose(stated[LATE, :2], moved[:2], rtol=0.2)
+    assert stated[LATE, 2] < 0.1 > moved[2]  # hardly
+
+
+@pytest.mark.parametrize(("sd_deg", "refused"), [(4.0, True), (8.0, False)])
+def test_a_late_curve_that_moves_the_pole_refuses_the_fit(case, tmp_path, sd_deg, refused):
+    """It is refused where the spin moves by more than half of its uncertainty."""
+    found = best(late(case, LATE_MIN), tmp_path)
+    sd: dict[str, float] = dict(zip(SPIN, (1.0, sd_deg, sd_deg), strict=True))
+    shifts = robustness.shifts(*found, sd)
+    misfit = measure(found.problem, found.data, found.z[None], examine(*found))
+    assert misfit.explained  # its noise is inferred
+    reasons_given = [reason(one) for one in summary._late_curve(misfit, shifts, found.curve)]
+    assert [one.code for one in reasons_given] == ["curve-appears-late"] * refused
+    for one in reasons_given:
+        assert "curve 4 (2005-06-05) are" in one.text
+        assert "min too late" in one.text
+        assert "pole_lat_deg" in one.text
 
 
 def sparse(case: asteroids.Case, *slopes: float) -> asteroids.Case:
