@@ -1,4 +1,4 @@
-"""Five bodies that shade themselves: as scenario files, and as surfaces for the ray caster."""
+"""Six bodies that shade themselves: as scenario files, and as surfaces for the ray caster."""
 
 from __future__ import annotations
 
@@ -115,7 +115,38 @@ tolerance = TOLERANCE
 kind = "mesh"
 file = "ring.obj"
 """
-TEXTS = {"wings": WINGS, "l-shape": L_SHAPE, "stage": STAGE, "dish": DISH, "mesh": MESH}
+FINS = """
+[[body.parts]]
+kind = "box"
+x = 2
+y = 2
+z = 1
+material = "white"
+[[body.parts]]
+kind = "plate"
+x = 1.6
+y = 1.2
+position = [-1.5, 0, 1.0]
+rotation_deg = [90, 0, 90]
+material = "grey"
+back_material = "white"
+[[body.parts]]
+kind = "plate"
+x = 1.6
+y = 1.2
+position = [1.5, 0, 1.0]
+rotation_deg = [90, 0, 90]
+material = "grey"
+back_material = "white"
+"""
+TEXTS = {
+    "wings": WINGS,
+    "l-shape": L_SHAPE,
+    "stage": STAGE,
+    "dish": DISH,
+    "mesh": MESH,
+    "fins": FINS,
+}
 
 
 def ring() -> Floats:
@@ -167,6 +198,14 @@ def surfaces(name: str) -> tuple[list, list]:
             made += [
                 (front, 0.4, 1.0),
                 (ray_casting.Rectangle((0, y, -0.6), (0, 0, 1.2), (0, 3, 0)), 0.8, 1.0),
+            ]
+    elif name == "fins":
+        made = [(face, 0.8, 1.0) for face in ray_casting.box_faces((0, 0, 0), (2, 2, 1))]
+        for x in (-1.5, 1.5):
+            y, z = (0, 1.6, 0), (0, 0, 1.2)
+            made += [
+                (ray_casting.Rectangle((x, -0.8, 0.4), y, z), 0.4, 1.0),
+                (ray_casting.Rectangle((x, -0.8, 0.4), z, y), 0.8, 1.0),
             ]
     elif name == "l-shape":
         boxes = ((0, 0, 0), (2, 1, 1)), ((0.5, 0, 1), (1, 1, 1))

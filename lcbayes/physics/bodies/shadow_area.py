@@ -14,8 +14,9 @@ of an interval without a union of intervals. The result is exact to rounding (1e
 polygon; see `NUDGE`).
 
 Only pairs of a polygon and an epoch are computed in which the polygon may be in shadow: it faces
-the Sun and the observer, and spheres about it and a solid overlap along a direction. How many they
-are differs, so that they are taken from a list, some at a time.
+the Sun and the observer, and the rectangle about a shadow meets that about the polygon. All other
+shadows are left out of a pair. How many pairs there are with one shadow, with two and so on
+differs, so that they are taken from lists, some at a time.
 
 The area is continuous in every direction and coordinate, and differentiable but where the outline
 of a shadow lies along an edge; a sampler that follows gradients meets no jump. There, as at the
@@ -31,6 +32,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -46,7 +48,7 @@ from lcbayes.physics.bodies.shadows import Group
 NUDGE = 1e-10
 GRAZING = 1e-9  # a polygon whose cosine of incidence or of view is below this counts as dark
 MOST_TESTS = 1 << 14  # of edges against edges at once, in arrays that remain in cache ...
-FEWEST = 16  # ... but for so many pairs of a polygon and an epoch
+FEWEST, MOST = 16, 512  # ... but for so many pairs of a polygon and an epoch
 
 
 def lit_and_seen(
@@ -133,80 +135,132 @@ def _batched(function: Callable[..., Any]) -> Callable[..., Any]:
 def _computed(slopes: bool, group: Group, sun: jax.Array, obs: jax.Array) -> tuple[jax.Array, ...]:
     """Fractions (T, R), and with `slopes` their derivatives by the directions, (T, R, 3) each."""
     epochs, total = len(sun), len(sun) * len(group.index)
-    at_once = min(total, max(FEWEST, MOST_TESTS // group.tests))
-    pairs = -(-total // at_once) * at_once
-    active = _may_be_shaded(group, sun, obs).ravel()
-    rank = jnp.cumsum(active)
-    order = jnp.searchsorted(rank, jnp.arange(1, pairs + 1))
+    over = _over(group, sun, obs).reshape(-1, total)
+    number = jnp.sum(over, axis=0)
+    order = jnp.argsort(number)
+    flat = _flattened(group)
+    out = jnp.ones(total), *([jnp.zeros((total, 3))] * (2 if slopes else 0))
+    for fewer, most in pairwise([0, *_numbers(len(over))]):
+        at_once = min(total, max(FEWEST, min(MOST, MOST_TESTS // group.tests(most))))
+        begin, end = (jnp.sum(number <= n) for n in (fewer, most))
 
-    def some(k: jax.Array, out: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
-        pair = jax.lax.dynamic_slice(order, (k * at_once,), (at_once,))
-        epoch, which = pair % epochs, pair // epochs
-        given = jax.tree.map(lambda x: jnp.take(x, which, axis=-1, mode="clip"), group)
-        fraction = partial(_fraction, given)
-        if slopes:
-            value, back = jax.vjp(fraction, sun[epoch], obs[epoch])
-            found = value, *back(jnp.ones_like(value))
-        else:
-            found = (fraction(sun[epoch], obs[epoch]),)
-        place = k * at_once
-        return tuple(
-            jax.lax.dynamic_update_slice_in_dim(x, new, place, axis=0)
-            for x, new in zip(out, found, strict=True)
-        )
+        def some(k: jax.Array, out: tuple[jax.Array, ...], rest=(most, at_once, begin, end)):
+            most, at_once, begin, end = rest
+            place = begin + k * at_once + jnp.arange(at_once)
+            pair = jnp.where(place < end, order.at[place].get(mode="clip"), total)
+            epoch, which = pair % epochs, jnp.minimum(pair // epochs, len(group.index) - 1)
+            there = jnp.take(over, pair, axis=1, mode="clip")
+            chosen = _chosen(there, most) if most < len(over) else None
+            fraction = partial(_fraction, flat, which, chosen)
+            if slopes:
+                value, back = jax.vjp(fraction, sun[epoch], obs[epoch])
+                found = value, *back(jnp.ones_like(value))
+            else:
+                found = (fraction(sun[epoch], obs[epoch]),)
+            return tuple(x.at[pair].set(y, mode="drop") for x, y in zip(out, found, strict=True))
 
-    begun = (jnp.zeros(pairs), *([jnp.zeros((pairs, 3))] * (2 if slopes else 0)))
-    fraction, *both = jax.lax.fori_loop(0, -(-rank[-1] // at_once), some, begun)
-    at = jnp.maximum(rank - 1, 0)
-    kept = active[:, None]
-    of_all = jnp.where(active, fraction[at], 1.0), *(jnp.where(kept, x[at], 0.0) for x in both)
-    return tuple(jnp.moveaxis(x.reshape(-1, epochs, *x.shape[1:]), 0, 1) for x in of_all)
+        out = jax.lax.fori_loop(0, -(-(end - begin) // at_once), some, out)
+    return tuple(jnp.moveaxis(x.reshape(-1, epochs, *x.shape[1:]), 0, 1) for x in out)
 
 
-def _may_be_shaded(group: Group, sun: jax.Array, obs: jax.Array) -> jax.Array:
-    """Whether each polygon faces both and a solid may lie before it, (R, T)."""
-    facing, near = jnp.ones((len(group.index), len(sun)), bool), False
+def _flattened(group: Group) -> Group:
+    """The edges of all solids of all polygons along one axis, (E, …, J R)."""
+
+    def flat(x: Any) -> jax.Array:
+        return jnp.moveaxis(jnp.asarray(x), 0, -2).reshape(*x.shape[1:-1], -1)
+
+    names = "first", "second", "normal_a", "normal_b"
+    return group._replace(**{name: flat(getattr(group, name)) for name in names})
+
+
+def _numbers(most: int) -> list[int]:
+    """Numbers of shadows for which there is a program: with two, and all; most pairs have two."""
+    return sorted({2, most})
+
+
+def _over(group: Group, sun: jax.Array, obs: jax.Array) -> jax.Array:
+    """Whether each shadow may lie over a polygon that faces Sun and observer, (2J, R, T).
+
+    The shadows are those of `_outlines`. A shadow may where the rectangle about it meets that about
+    the polygon, both along the axes of the polygon's frame.
+    """
+    facing = jnp.ones((len(group.index), len(sun)), bool)
+    low, high = (x[..., None] for x in (group.corners.min(axis=0), group.corners.max(axis=0)))
+    near = []
     for direction in (sun, obs):
         d = jnp.einsum("ijr,tj->irt", group.frame, direction)
-        along = jnp.einsum("jir,irt->jrt", group.middle, d)
-        beside = jnp.sum(group.middle**2, axis=1)[..., None] - along**2
-        reach = group.reach[..., None]
         facing &= d[2] > GRAZING
-        near |= jnp.any((beside <= reach**2) & (along >= -reach), axis=0)
-    return facing & near
+        slope = d[:2] / jnp.maximum(d[2], GRAZING)
+        at = group.vertices[:, :, :2, :, None] - group.vertices[:, :, 2:, :, None] * slope
+        right, left = at.max(axis=1), at.min(axis=1)
+        nudged = NUDGE * (1 + 2 * len(at)) * (right - left)
+        near.append(jnp.all((right + nudged >= low) & (left - nudged <= high), axis=1))
+    return facing & jnp.concatenate(near)
 
 
-def _fraction(group: Group, sun: jax.Array, obs: jax.Array) -> jax.Array:
-    """Of polygons (P,), one for each epoch, which face both."""
-    both = [jnp.sum(group.frame * d.T, axis=1) for d in (sun, obs)]  # (3, P)
-    outlines = _nudged(*_outlines(group, both))
-    area = _area((group.corners[:, 0], group.corners[:, 1]), outlines)
-    return jnp.clip(area / group.area, 0.0, 1.0)
+def _chosen(over: jax.Array, count: int) -> jax.Array:
+    """Which of the shadows (2J, P) are over polygons, (count, P); 2J where there are fewer."""
+    rank = jnp.cumsum(over, axis=0)
+    return jnp.sum(rank[None] <= jnp.arange(count)[:, None, None], axis=1)
 
 
-def _outlines(group: Group, directions: Sequence[jax.Array]) -> Ends:
-    """Edges of the shadows in the plane, counter-clockwise seen from outside.
+def _fraction(
+    group: Group, which: jax.Array, chosen: jax.Array | None, sun: jax.Array, obs: jax.Array
+) -> jax.Array:
+    """Of polygons ``which`` (P,) of a group, one for each epoch, which face both, with all shadows
+    or those of `_chosen`."""
+    frame, corners, area = (
+        jnp.take(x, which, axis=-1) for x in (group.frame, group.corners, group.area)
+    )
+    both = [jnp.sum(frame * d.T, axis=1)[:, None] for d in (sun, obs)]  # (3, 1, P)
+    solids = group.first.shape[-1] // len(group.index)
+    if chosen is None:
+        number = jnp.arange(2 * solids)[:, None]
+        index = number[:solids] * len(group.index) + which
+        parts = zip(*(_outlines(group, index, d) for d in both), strict=True)
+        ax, ay, bx, by = (jnp.concatenate(x) for x in parts)
+    else:
+        number = chosen
+        index = number % solids * len(group.index) + which
+        ax, ay, bx, by = _outlines(group, index, jnp.where(number < solids, both[0], both[1]))
+        there = (number < 2 * solids)[:, None]  # the others have no edges
+        bx, by = jnp.where(there, bx, ax), jnp.where(there, by, ay)
+    outlines = _nudged((ax, ay), (bx, by), number)
+    return jnp.clip(_area((corners[:, 0], corners[:, 1]), outlines) / area, 0.0, 1.0)
 
-    A point at height h above the plane falls on (x, y) − h (d_x, d_y)/d_z.
+
+def _outlines(group: Group, index: jax.Array, d: jax.Array) -> tuple[jax.Array, ...]:
+    """Edges of shadows in the plane along d (3, n or 1, P), counter-clockwise seen from outside.
+
+    A point at height h above the plane falls on (x, y) − h (d_x, d_y)/d_z. ``index`` (n, P) is that
+    of the solids, as in `_flattened`.
 
     Returns
     -------
-    Ends
-        Arrays (2J, S, P): the solids along the first direction, then along the second.
+    a_x, a_y, b_x, b_y : (n, S, P)
+        Ends of the edges.
     """
-    edges = []
-    always = jnp.any(group.second[:, :, 0] != group.second[:, :, 1], axis=2)
-    for d in directions:
-        facing = [jnp.sum(n * d, axis=2) > 0.0 for n in (group.normal_a, group.normal_b)]
-        outer = facing[0] != facing[1]
-        points = jnp.where(outer[:, :, None, None], group.first, group.second)
-        x, y, h = (points[:, :, :, i] for i in range(3))
-        fallen = (x - h * (d[0] / d[2]), y - h * (d[1] / d[2]))
-        start = tuple(jnp.where(facing[0], p[:, :, 0], p[:, :, 1]) for p in fallen)
-        end = tuple(jnp.where(facing[0], p[:, :, 1], p[:, :, 0]) for p in fallen)
-        edges.append(_of_outline((*start, *end), outer | always, jnp.asarray(group.order)))
-    ax, ay, bx, by = (jnp.concatenate(x) for x in zip(*edges, strict=True))
-    return (ax, ay), (bx, by)
+
+    def of_solid(x: Any) -> jax.Array:
+        return jnp.moveaxis(jnp.take(x, index, axis=-1), -2, 0)
+
+    first, second = of_solid(group.first), of_solid(group.second)  # (n, E, 2, 3, P)
+    d = d.swapaxes(0, 1)[:, None]
+    facing = [
+        jnp.sum(of_solid(n) * d, axis=2) > 0.0 for n in (group.normal_a, group.normal_b)
+    ]  # (n, E, P)
+    outer = facing[0] != facing[1]
+    always = jnp.any(second[:, :, 0] != second[:, :, 1], axis=2)
+    points = jnp.where(outer[:, :, None, None], first, second)
+    x, y, h = (points[:, :, :, i] for i in range(3))
+    slope = d[:, :, :2] / d[:, :, 2:]
+    fallen = x - h * slope[:, :, :1], y - h * slope[:, :, 1:]
+    start, end = (
+        tuple(jnp.where(facing[0], p[:, :, one], p[:, :, other]) for p in fallen)
+        for one, other in ((0, 1), (1, 0))
+    )
+    order = 1 + jnp.arange(len(group.order))[:, None]
+    return _of_outline((*start, *end), outer | always, order)
 
 
 def _of_outline(
@@ -222,9 +276,9 @@ def _of_outline(
     return *start, *(jnp.where(there, z, s) for z, s in zip((x, y), start, strict=True))
 
 
-def _nudged(start: Points, end: Points) -> Ends:
-    """Outlines enlarged about a point inside, each by a share of its own."""
-    share = NUDGE * (1.0 + jnp.arange(len(start[0])))[:, None, None]
+def _nudged(start: Points, end: Points, number: jax.Array) -> Ends:
+    """Outlines enlarged about a point inside, each by a share by its number (n, P)."""
+    share = NUDGE * (1.0 + number)[:, None]
     middle = [0.5 * jnp.mean(a + b, axis=1, keepdims=True) for a, b in zip(start, end, strict=True)]
     ax, ay, bx, by = (
         x + share * (x - m) for x, m in zip((*start, *end), (*middle, *middle), strict=True)
@@ -268,7 +322,7 @@ def _area_and_parts(
     """
     start, end = outlines
     count, (x, y) = len(start[0]), corners
-    other = np.array([[k for k in range(count) if k != j] for j in range(count)])
+    other = np.array([[k for k in range(count) if k != j] for j in range(count)], int)
     sides = (x[1:-1], y[1:-1]), (x[2:], y[2:])
     # an outline without edges is that of a panel seen edge-on, which hides nothing
     there = jnp.any((start[0] != end[0]) | (start[1] != end[1]), axis=1)

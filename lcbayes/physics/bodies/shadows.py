@@ -5,6 +5,7 @@ The polygons are grouped by the shape of their arrays, for `shadow_area`.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -35,10 +36,8 @@ class Group(NamedTuple):
         In the polygon's frame.
     order : (S, R) int
         1, 2, … S, the largest number of edges of an outline.
-    middle : (J, 3, R) m
-        From the middle of the polygon to that of each solid, in the polygon's frame.
-    reach : (J, R) m
-        Radius of a sphere about the polygon plus that of one about the solid.
+    vertices : (J, V, 3, R) m
+        Of each solid, in the plane and height above it; some may be given twice.
     """
 
     index: NDArray[np.integer]
@@ -50,13 +49,11 @@ class Group(NamedTuple):
     normal_a: Floats
     normal_b: Floats
     order: NDArray[np.integer]
-    middle: Floats
-    reach: Floats
+    vertices: Floats
 
-    @property
-    def tests(self) -> int:
-        """Edges tested against edges, for one polygon at one epoch."""
-        return _tests(len(self.corners), len(self.first), len(self.order))
+    def tests(self, count: int) -> int:
+        """Edges tested against edges, for one polygon with so many shadows at one epoch."""
+        return _tests(len(self.corners), count, len(self.order))
 
 
 class _Receiver(NamedTuple):
@@ -107,7 +104,7 @@ def shadows(
         if before:
             size = corners, count, _, outline = _size(polygon, before)
             receivers.append(_Receiver(i, polygon, before, size))
-            tests += _tests(corners, count, outline)
+            tests += _tests(corners, 2 * count, outline)
             if tests > most:
                 return None
     by_shape: dict[tuple[int, int, int, int], list[_Receiver]] = {}
@@ -133,11 +130,15 @@ def _size(polygon: Floats, before: Sequence[Edges]) -> tuple[int, int, int, int]
 
 
 def _group(members: Sequence[_Receiver]) -> Group:
-    return Group(*(np.stack(x, axis=-1) for x in zip(*map(_placed, members), strict=True)))
+    *placed, vertices = zip(*map(_placed, members), strict=True)
+    most = max(map(len, itertools.chain(*vertices)))
+    filled = [np.stack([np.resize(points, (most, 3)) for points in one]) for one in vertices]
+    return Group(*(np.stack(x, axis=-1) for x in (*placed, filled)))
 
 
 def _placed(one: _Receiver) -> tuple[Any, ...]:
-    """A polygon and the edges before it in its frame, filled up with edges of no length."""
+    """A polygon and the edges before it in its frame, filled up with edges of no length, and the
+    ends of these edges."""
     size, _, slots, outline = one.size
     polygon, origin = one.polygon, one.polygon[0]
     vector = vector_area(polygon)
@@ -149,32 +150,25 @@ def _placed(one: _Receiver) -> tuple[Any, ...]:
     frame = np.stack([u, np.cross(normal, u), normal])
     corners = (polygon - origin) @ frame[:2].T
     corners = np.concatenate([corners, np.repeat(corners[-1:], size - len(corners), axis=0)])
-    made = []
+    made, vertices = [], []
     for e in one.before:
         more = slots - len(e.first)
         point = np.broadcast_to(e.first[0, 0], (more, 2, 3))
         ends = [(np.concatenate([x, point]) - origin) @ frame.T for x in (e.first, e.second)]
         never = np.broadcast_to(e.normal_a[0], (more, 3))  # on the outline: both faces are one
         turned = [np.concatenate([x, never]) @ frame.T for x in (e.normal_a, e.normal_b)]
-        made.append((*ends, *turned, *_apart(corners, np.concatenate(ends))))
-    *edges_before, middle, reach = (np.stack(x) for x in zip(*made, strict=True))
+        made.append((*ends, *turned))
+        vertices.append(np.unique(np.concatenate(ends).reshape(-1, 3), axis=0))
     order = np.arange(1, outline + 1)
-    return one.index, frame, corners, area, *edges_before, order, middle, reach
-
-
-def _apart(corners: Floats, ends: Floats) -> tuple[Floats, np.floating]:
-    """`Group.middle` and `Group.reach` of a polygon (k, 2) and ends of edges (E, 2, 3)."""
-    flat, points = np.pad(corners, ((0, 0), (0, 1))), ends.reshape(-1, 3)
-    first, second = (x.min(axis=0) / 2.0 + x.max(axis=0) / 2.0 for x in (flat, points))
-    near, far = (np.linalg.norm(x - m, axis=1).max() for x, m in ((flat, first), (points, second)))
-    return second - first, near + far
+    edges_before = (np.stack(x) for x in zip(*made, strict=True))
+    return one.index, frame, corners, area, *edges_before, order, vertices
 
 
 def tests_per_epoch(groups: Sequence[Group]) -> int:
     """Edges tested against edges at one epoch, if all polygons are lit and may be in shadow."""
-    return sum(len(g.index) * g.tests for g in groups)
+    return sum(len(g.index) * g.tests(2 * len(g.first)) for g in groups)
 
 
-def _tests(corners: int, solids: int, slots: int) -> int:
-    shade = 2 * solids * slots
+def _tests(corners: int, count: int, slots: int) -> int:
+    shade = count * slots
     return (corners - 2) * shade + shade * (corners + shade - slots)
