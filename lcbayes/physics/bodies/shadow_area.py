@@ -138,7 +138,9 @@ def _computed(slopes: bool, group: Group, sun: jax.Array, obs: jax.Array) -> tup
     over = _over(group, sun, obs).reshape(-1, total)
     number = jnp.sum(over, axis=0)
     order = jnp.argsort(number)
-    flat = _flattened(group)
+    # the solids of all polygons along one axis
+    flat = [jnp.moveaxis(jnp.asarray(x), 0, -2) for x in _edges(group)]
+    flat = [x.reshape(*x.shape[:-2], -1) for x in flat]
     out = jnp.ones(total), *([jnp.zeros((total, 3))] * (2 if slopes else 0))
     for fewer, most in pairwise([0, *_numbers(len(over))]):
         at_once = min(total, max(FEWEST, min(MOST, MOST_TESTS // group.tests(most))))
@@ -151,7 +153,7 @@ def _computed(slopes: bool, group: Group, sun: jax.Array, obs: jax.Array) -> tup
             epoch, which = pair % epochs, jnp.minimum(pair // epochs, len(group.index) - 1)
             there = jnp.take(over, pair, axis=1, mode="clip")
             chosen = _chosen(there, most) if most < len(over) else None
-            fraction = partial(_fraction, flat, which, chosen)
+            fraction = partial(_fraction, group, flat, which, chosen)
             if slopes:
                 value, back = jax.vjp(fraction, sun[epoch], obs[epoch])
                 found = value, *back(jnp.ones_like(value))
@@ -163,14 +165,9 @@ def _computed(slopes: bool, group: Group, sun: jax.Array, obs: jax.Array) -> tup
     return tuple(jnp.moveaxis(x.reshape(-1, epochs, *x.shape[1:]), 0, 1) for x in out)
 
 
-def _flattened(group: Group) -> Group:
-    """The edges of all solids of all polygons along one axis, (E, …, J R)."""
-
-    def flat(x: Any) -> jax.Array:
-        return jnp.moveaxis(jnp.asarray(x), 0, -2).reshape(*x.shape[1:-1], -1)
-
-    names = "first", "second", "normal_a", "normal_b"
-    return group._replace(**{name: flat(getattr(group, name)) for name in names})
+def _edges(group: Group) -> list[Any]:
+    """Ends and normals of the edges of all solids, (J, E, …, R)."""
+    return [group.first, group.second, group.normal_a, group.normal_b]
 
 
 def _numbers(most: int) -> list[int]:
@@ -191,9 +188,10 @@ def _over(group: Group, sun: jax.Array, obs: jax.Array) -> jax.Array:
         d = jnp.einsum("ijr,tj->irt", group.frame, direction)
         facing &= d[2] > GRAZING
         slope = d[:2] / jnp.maximum(d[2], GRAZING)
-        at = group.vertices[:, :, :2, :, None] - group.vertices[:, :, 2:, :, None] * slope
-        right, left = at.max(axis=1), at.min(axis=1)
-        nudged = NUDGE * (1 + 2 * len(at)) * (right - left)
+        moved = [h[:, None, :, None] * slope for h in (group.low[:, 2], group.high[:, 2])]
+        left = group.low[:, :2, :, None] - jnp.maximum(*moved)
+        right = group.high[:, :2, :, None] - jnp.minimum(*moved)
+        nudged = NUDGE * (1 + 2 * len(left)) * (right - left)
         near.append(jnp.all((right + nudged >= low) & (left - nudged <= high), axis=1))
     return facing & jnp.concatenate(near)
 
@@ -205,7 +203,12 @@ def _chosen(over: jax.Array, count: int) -> jax.Array:
 
 
 def _fraction(
-    group: Group, which: jax.Array, chosen: jax.Array | None, sun: jax.Array, obs: jax.Array
+    group: Group,
+    flat: Sequence[jax.Array],
+    which: jax.Array,
+    chosen: jax.Array | None,
+    sun: jax.Array,
+    obs: jax.Array,
 ) -> jax.Array:
     """Of polygons ``which`` (P,) of a group, one for each epoch, which face both, with all shadows
     or those of `_chosen`."""
@@ -213,42 +216,38 @@ def _fraction(
         jnp.take(x, which, axis=-1) for x in (group.frame, group.corners, group.area)
     )
     both = [jnp.sum(frame * d.T, axis=1)[:, None] for d in (sun, obs)]  # (3, 1, P)
-    solids = group.first.shape[-1] // len(group.index)
+    count = len(group.first)
     if chosen is None:
-        number = jnp.arange(2 * solids)[:, None]
-        index = number[:solids] * len(group.index) + which
-        parts = zip(*(_outlines(group, index, d) for d in both), strict=True)
+        number = jnp.arange(2 * count)[:, None]
+        solids = [jnp.take(x, which, axis=-1) for x in _edges(group)]
+        parts = zip(*(_outlines(solids, d, len(group.order)) for d in both), strict=True)
         ax, ay, bx, by = (jnp.concatenate(x) for x in parts)
     else:
         number = chosen
-        index = number % solids * len(group.index) + which
-        ax, ay, bx, by = _outlines(group, index, jnp.where(number < solids, both[0], both[1]))
-        there = (number < 2 * solids)[:, None]  # the others have no edges
+        index = number % count * len(group.index) + which
+        solids = [jnp.moveaxis(jnp.take(x, index, axis=-1), -2, 0) for x in flat]
+        d = jnp.where(number < count, both[0], both[1])
+        ax, ay, bx, by = _outlines(solids, d, len(group.order))
+        there = (number < 2 * count)[:, None]  # the others have no edges
         bx, by = jnp.where(there, bx, ax), jnp.where(there, by, ay)
     outlines = _nudged((ax, ay), (bx, by), number)
     return jnp.clip(_area((corners[:, 0], corners[:, 1]), outlines) / area, 0.0, 1.0)
 
 
-def _outlines(group: Group, index: jax.Array, d: jax.Array) -> tuple[jax.Array, ...]:
+def _outlines(solids: Sequence[jax.Array], d: jax.Array, slots: int) -> tuple[jax.Array, ...]:
     """Edges of shadows in the plane along d (3, n or 1, P), counter-clockwise seen from outside.
 
-    A point at height h above the plane falls on (x, y) − h (d_x, d_y)/d_z. ``index`` (n, P) is that
-    of the solids, as in `_flattened`.
+    A point at height h above the plane falls on (x, y) − h (d_x, d_y)/d_z. The edges of the solids
+    are those of `_edges`, (n, E, …, P).
 
     Returns
     -------
     a_x, a_y, b_x, b_y : (n, S, P)
         Ends of the edges.
     """
-
-    def of_solid(x: Any) -> jax.Array:
-        return jnp.moveaxis(jnp.take(x, index, axis=-1), -2, 0)
-
-    first, second = of_solid(group.first), of_solid(group.second)  # (n, E, 2, 3, P)
+    first, second, *turned = solids
     d = d.swapaxes(0, 1)[:, None]
-    facing = [
-        jnp.sum(of_solid(n) * d, axis=2) > 0.0 for n in (group.normal_a, group.normal_b)
-    ]  # (n, E, P)
+    facing = [jnp.sum(n * d, axis=2) > 0.0 for n in turned]  # (n, E, P)
     outer = facing[0] != facing[1]
     always = jnp.any(second[:, :, 0] != second[:, :, 1], axis=2)
     points = jnp.where(outer[:, :, None, None], first, second)
@@ -259,7 +258,7 @@ def _outlines(group: Group, index: jax.Array, d: jax.Array) -> tuple[jax.Array, 
         tuple(jnp.where(facing[0], p[:, :, one], p[:, :, other]) for p in fallen)
         for one, other in ((0, 1), (1, 0))
     )
-    order = 1 + jnp.arange(len(group.order))[:, None]
+    order = 1 + jnp.arange(slots)[:, None]
     return _of_outline((*start, *end), outer | always, order)
 
 

@@ -5,7 +5,6 @@ The polygons are grouped by the shape of their arrays, for `shadow_area`.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -36,8 +35,8 @@ class Group(NamedTuple):
         In the polygon's frame.
     order : (S, R) int
         1, 2, … S, the largest number of edges of an outline.
-    vertices : (J, V, 3, R) m
-        Of each solid, in the plane and height above it; some may be given twice.
+    low, high : (J, 3, R) m
+        Of each solid, in the plane and height above it.
     """
 
     index: NDArray[np.integer]
@@ -49,7 +48,8 @@ class Group(NamedTuple):
     normal_a: Floats
     normal_b: Floats
     order: NDArray[np.integer]
-    vertices: Floats
+    low: Floats
+    high: Floats
 
     def tests(self, count: int) -> int:
         """Edges tested against edges, for one polygon with so many shadows at one epoch."""
@@ -130,15 +130,11 @@ def _size(polygon: Floats, before: Sequence[Edges]) -> tuple[int, int, int, int]
 
 
 def _group(members: Sequence[_Receiver]) -> Group:
-    *placed, vertices = zip(*map(_placed, members), strict=True)
-    most = max(map(len, itertools.chain(*vertices)))
-    filled = [np.stack([np.resize(points, (most, 3)) for points in one]) for one in vertices]
-    return Group(*(np.stack(x, axis=-1) for x in (*placed, filled)))
+    return Group(*(np.stack(x, axis=-1) for x in zip(*map(_placed, members), strict=True)))
 
 
 def _placed(one: _Receiver) -> tuple[Any, ...]:
-    """A polygon and the edges before it in its frame, filled up with edges of no length, and the
-    ends of these edges."""
+    """A polygon and the edges before it in its frame, filled up with edges of no length."""
     size, _, slots, outline = one.size
     polygon, origin = one.polygon, one.polygon[0]
     vector = vector_area(polygon)
@@ -150,18 +146,18 @@ def _placed(one: _Receiver) -> tuple[Any, ...]:
     frame = np.stack([u, np.cross(normal, u), normal])
     corners = (polygon - origin) @ frame[:2].T
     corners = np.concatenate([corners, np.repeat(corners[-1:], size - len(corners), axis=0)])
-    made, vertices = [], []
+    made = []
     for e in one.before:
         more = slots - len(e.first)
         point = np.broadcast_to(e.first[0, 0], (more, 2, 3))
         ends = [(np.concatenate([x, point]) - origin) @ frame.T for x in (e.first, e.second)]
         never = np.broadcast_to(e.normal_a[0], (more, 3))  # on the outline: both faces are one
         turned = [np.concatenate([x, never]) @ frame.T for x in (e.normal_a, e.normal_b)]
-        made.append((*ends, *turned))
-        vertices.append(np.unique(np.concatenate(ends).reshape(-1, 3), axis=0))
+        points = np.concatenate(ends).reshape(-1, 3)
+        made.append((*ends, *turned, points.min(axis=0), points.max(axis=0)))
+    *edges_before, low, high = (np.stack(x) for x in zip(*made, strict=True))
     order = np.arange(1, outline + 1)
-    edges_before = (np.stack(x) for x in zip(*made, strict=True))
-    return one.index, frame, corners, area, *edges_before, order, vertices
+    return one.index, frame, corners, area, *edges_before, order, low, high
 
 
 def tests_per_epoch(groups: Sequence[Group]) -> int:
