@@ -14,9 +14,9 @@ of an interval without a union of intervals. The result is exact to rounding (1e
 polygon; see `NUDGE`).
 
 Only pairs of a polygon and an epoch are computed in which the polygon may be in shadow: it faces
-the Sun and the observer, and the rectangle about a shadow meets that about the polygon. All other
-shadows are left out of a pair. How many pairs there are with one shadow, with two and so on
-differs, so that they are taken from lists, some at a time.
+the Sun and the observer, and the shadow of the box about a solid may meet it. If at most two
+shadows may, the others are left out. How many pairs there are of each kind differs, so that they
+are taken from a list, some at a time.
 
 The area is continuous in every direction and coordinate, and differentiable but where the outline
 of a shadow lies along an edge; a sampler that follows gradients meets no jump. There, as at the
@@ -178,8 +178,8 @@ def _numbers(most: int) -> list[int]:
 def _over(group: Group, sun: jax.Array, obs: jax.Array) -> jax.Array:
     """Whether each shadow may lie over a polygon that faces Sun and observer, (2J, R, T).
 
-    The shadows are those of `_outlines`. A shadow may where the rectangle about it meets that about
-    the polygon, both along the axes of the polygon's frame.
+    Those along the direction to the Sun come first. A shadow may where the rectangle about that of
+    the box about the solid meets the rectangle about the polygon, all along the axes of its frame.
     """
     facing = jnp.ones((len(group.index), len(sun)), bool)
     low, high = (x[..., None] for x in (group.corners.min(axis=0), group.corners.max(axis=0)))
