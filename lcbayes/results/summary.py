@@ -38,6 +38,7 @@ from lcbayes.modelling.variables import SPIN, label, named
 from lcbayes.results.content import (
     FitNumbers,
     FitQuality,
+    FitTiming,
     LatePasses,
     ModeContent,
     Outlier,
@@ -123,12 +124,12 @@ def summarise(
     late = _late_pass(curve, drawn[0], identity["options"])
     findings = [
         *_findings(posterior, modes, misfit),
-        *_ignored(at_optimum, moved, curve),
+        *_ignored(at_optimum, moved),
+        *_late_curve(misfit, moved, curve),
         *_drift_or_late(late, drawn[0], misfit),
     ]
     if identity["settings"]["sampler"] == PUBLISHED:
         findings.insert(0, Finding("published-sampler"))
-    timing = posterior.timing
     content: FitNumbers = {
         "model": identity["model"],
         "n_facets": int(tree["posterior"].sizes.get("facet", 0)),
@@ -148,13 +149,7 @@ def summarise(
         },
         **late,
         **_outliers(tree, curve),
-        "timing": {
-            "search_s": timing.search_s,
-            "compile_s": timing.compile_s,
-            "warmup_s": timing.warmup_s,
-            "sampling_s": timing.sampling_s,
-            "gradients": timing.gradients,
-        },
+        "timing": cast("FitTiming", asdict(posterior.timing)),
         "n_starts": posterior.n_starts,
         "search": None if posterior.searched is None else asdict(posterior.searched),
         "spins": [s._asdict() for s in posterior.spins],
@@ -261,21 +256,17 @@ def _shifts(
     return robustness.shifts(problem, at_optimum.best, data, curve, sd, at_optimum.shadows)
 
 
-def _ignored(
-    at_optimum: _AtOptimum, moved: robustness.Shifts, curve: LightCurve
-) -> Iterator[Finding]:
-    """Shadows that are left out although they move a quantity by more than `MAX_SHIFT`, and times
-    of a curve that appear late by enough to move the spin as far."""
+def _ignored(at_optimum: _AtOptimum, moved: robustness.Shifts) -> Iterator[Finding]:
+    """Shadows that are left out although they move a quantity by more than `MAX_SHIFT`."""
     shift = moved.by_fault.get("shadows", np.zeros(0))
     if shift.size and shift.max() > MAX_SHIFT:
         what = moved.quantities[int(np.argmax(shift))]
         values = {"percent": 100.0 * at_optimum.share, "shift": float(shift.max()), "what": what}
         yield Finding("shadows-left-out", values)
-    yield from _late_curve(at_optimum.misfit, moved, curve)
 
 
 def _late_curve(misfit: Misfit, moved: robustness.Shifts, curve: LightCurve) -> Iterator[Finding]:
-    """A curve that appears late by enough to move the spin, where the noise is inferred.
+    """A curve that appears late and moves the spin by `MAX_SHIFT`, where the noise is inferred.
 
     The size of such noise makes up for what the model does not explain, so that patterns of the
     residuals do not refuse the fit.
