@@ -172,7 +172,7 @@ def _refit(problem, data, curve, z, power, p: int, number, result: Predicted) ->
     without = replace(data, information=jnp.where(here, 0.0, power))
     settings = Settings(seed=1, num_warmup=200, num_samples=200)
     with Silent().stage("", 1, "") as track:
-        chains = Sampler(problem, settings, 2).run(
+        rows, *_ = Sampler(problem, settings, 2).run(
             "refit",
             z.mean(axis=0)[None],
             without,
@@ -181,8 +181,7 @@ def _refit(problem, data, curve, z, power, p: int, number, result: Predicted) ->
             Timing(),
             track,
         )
-    assert chains is not None
-    rows = chains.z.reshape(-1, chains.z.shape[-1])
+    rows = rows.reshape(-1, rows.shape[-1])
     drawn = {
         k: np.asarray(v)
         for k, v in jax.vmap(

@@ -60,7 +60,7 @@ from lcbayes.modelling.registry import Entry
 from lcbayes.samplers import annealing
 from lcbayes.samplers.bridge import LogEvidence
 from lcbayes.samplers.facet_moves import FacetMoves
-from lcbayes.samplers.sampling import BLOCK, OPTIMA, Sampler, Timing
+from lcbayes.samplers.sampling import BLOCK, OPTIMA, Negligible, Sampler, Timing
 from lcbayes.samplers.settings import NUTS, PARTICLES, Settings
 from lcbayes.samplers.tempering_path import time_ordered
 
@@ -423,17 +423,18 @@ class Stages:
                 starts = [np.asarray(_translate(self.plain, problem, s.z, data)) for s in optima]
                 z0 = starts[0]
                 best = max((m.log_evidence.value for m in modes), default=-np.inf)
-                chains = sampler.run(
-                    f"mode-{i}",
-                    np.stack([order.like(start, z0) for start in starts]),
-                    data,
-                    jax.random.fold_in(key, i),
-                    self.checkpoint,
-                    self.timing,
-                    track,
-                    best - order.log_orders - NEGLIGIBLE,
-                )
-                if chains is None:
+                try:
+                    chains = sampler.run(
+                        f"mode-{i}",
+                        np.stack([order.like(start, z0) for start in starts]),
+                        data,
+                        jax.random.fold_in(key, i),
+                        self.checkpoint,
+                        self.timing,
+                        track,
+                        best - order.log_orders - NEGLIGIBLE,
+                    )
+                except Negligible:
                     self.progress.say(f"solution {i + 1} is left out: its share is below 10⁻⁸")
                     continue
                 z = by_size(problem, order, chains.z, z0, data)

@@ -68,6 +68,10 @@ class Chains(NamedTuple):
     tuning: dict[str, NDArray]
 
 
+class Negligible(Exception):
+    """A solution holds less of the posterior than is asked for."""
+
+
 class Sampler:
     """One compiled kernel for all solutions of a problem.
 
@@ -140,7 +144,7 @@ class Sampler:
         timing: Timing,
         track: Track,
         least: float = -np.inf,
-    ) -> Chains | None:
+    ) -> Chains:
         """Draws about the solution of which ``starts`` (n, D) are optima, the best first.
 
         The chains begin at the optima in turn, so that R-hat tells whether they mix. After a part
@@ -150,13 +154,15 @@ class Sampler:
         A guide is dropped, and the chains begin again without it, if it is too different from the
         posterior there.
 
-        Nothing is returned, after a part of the warm-up, if the logarithm of the evidence then
-        appears to be below ``least``.
-
         If `num_samples` draws do not suffice for convergence, the chains are extended, up to
         `most_samples`. If more NUTS transitions have diverged than all requested draws may contain,
         the draws are discarded and the chains continue with half the step size. The step size is
         not halved if the trajectories would then exceed the maximum tree depth.
+
+        Raises
+        ------
+        Negligible
+            After a part of the warm-up, ln of the evidence appears to be below ``least``.
         """
         about = data if self.guide is None else self.guide(starts[0])
         whitening = self._whitening(starts, about)
@@ -187,7 +193,7 @@ class Sampler:
                         return self._without_guide().run(name + EXACT, *rest)
                     if _log_evidence(blocks[-1], whitening) < least:
                         track.more(-per_block * (end - i))
-                        return None
+                        raise Negligible
                     args = (whitening, data, *self._further(about))
                     near = [chains.Whitening.point(z[-1]) for z in blocks[-1]["z"]]
                     keys = jax.vmap(jax.random.fold_in, (0, None))(keys, i)

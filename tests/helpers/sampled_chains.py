@@ -23,7 +23,7 @@ def sampled(
     guide=None,
 ) -> sampling.Chains:
     with Silent().stage("sampling", 1, "draws") as track:
-        chains = sampling.Sampler(problem, settings, 1, guide=guide).run(
+        return sampling.Sampler(problem, settings, 1, guide=guide).run(
             "mode-0",
             np.asarray([start]),
             data,
@@ -32,5 +32,3 @@ def sampled(
             sampling.Timing(),
             track,
         )
-    assert chains is not None
-    return chains

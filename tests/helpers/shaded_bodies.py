@@ -36,30 +36,34 @@ law = "lambertian"
 r_diff = 0.4
 """
 
-WINGS = """
-[[body.parts]]
-kind = "box"
-x = 1.5
-y = 1.2
-z = 2.0
-material = "white"
+
+def _upright(x: float, y: float, *position: float) -> str:
+    """A plate that faces the x axis, x wide along the y axis and y high."""
+    return f"""
 [[body.parts]]
 kind = "plate"
-x = 3.0
-y = 1.2
-position = [0, 2.1, 0]
-rotation_deg = [90, 0, 90]
-material = "grey"
-back_material = "white"
-[[body.parts]]
-kind = "plate"
-x = 3.0
-y = 1.2
-position = [0, -2.1, 0]
+x = {x}
+y = {y}
+position = {list(position)}
 rotation_deg = [90, 0, 90]
 material = "grey"
 back_material = "white"
 """
+
+
+def _white_box(x: float, y: float, z: float) -> str:
+    return f"""
+[[body.parts]]
+kind = "box"
+x = {x}
+y = {y}
+z = {z}
+material = "white"
+"""
+
+
+WINGS = _white_box(1.5, 1.2, 2.0) + _upright(3.0, 1.2, 0, 2.1, 0) + _upright(3.0, 1.2, 0, -2.1, 0)
+FINS = _white_box(2, 2, 1) + _upright(1.6, 1.2, -1.5, 0, 1.0) + _upright(1.6, 1.2, 1.5, 0, 1.0)
 L_SHAPE = """
 [body]
 material = "white"
@@ -115,30 +119,6 @@ tolerance = TOLERANCE
 kind = "mesh"
 file = "ring.obj"
 """
-FINS = """
-[[body.parts]]
-kind = "box"
-x = 2
-y = 2
-z = 1
-material = "white"
-[[body.parts]]
-kind = "plate"
-x = 1.6
-y = 1.2
-position = [-1.5, 0, 1.0]
-rotation_deg = [90, 0, 90]
-material = "grey"
-back_material = "white"
-[[body.parts]]
-kind = "plate"
-x = 1.6
-y = 1.2
-position = [1.5, 0, 1.0]
-rotation_deg = [90, 0, 90]
-material = "grey"
-back_material = "white"
-"""
 TEXTS = {
     "wings": WINGS,
     "l-shape": L_SHAPE,
@@ -189,24 +169,21 @@ def flux(result: Scenario, sun: Floats, obs: Floats, shaded: bool = True) -> Flo
     return np.asarray(of(jnp.asarray(sun), jnp.asarray(obs)))
 
 
+def _both_sides(corner: tuple[float, float, float], width: float) -> list:
+    """A plate that faces the x axis, 1.2 m high, grey in front and white behind."""
+    y, z = (0, width, 0), (0, 0, 1.2)
+    front, back = ray_casting.Rectangle(corner, y, z), ray_casting.Rectangle(corner, z, y)
+    return [(front, 0.4, 1.0), (back, 0.8, 1.0)]
+
+
 def surfaces(name: str) -> tuple[list, list]:
     """What shines, with its reflectance and share of the points, and what stops rays."""
     if name == "wings":
         made = [(face, 0.8, 1.0) for face in ray_casting.box_faces((0, 0, 0), (1.5, 1.2, 2.0))]
-        for y in (0.6, -3.6):
-            front = ray_casting.Rectangle((0, y, -0.6), (0, 3, 0), (0, 0, 1.2))
-            made += [
-                (front, 0.4, 1.0),
-                (ray_casting.Rectangle((0, y, -0.6), (0, 0, 1.2), (0, 3, 0)), 0.8, 1.0),
-            ]
+        made += [*_both_sides((0, 0.6, -0.6), 3), *_both_sides((0, -3.6, -0.6), 3)]
     elif name == "fins":
         made = [(face, 0.8, 1.0) for face in ray_casting.box_faces((0, 0, 0), (2, 2, 1))]
-        for x in (-1.5, 1.5):
-            y, z = (0, 1.6, 0), (0, 0, 1.2)
-            made += [
-                (ray_casting.Rectangle((x, -0.8, 0.4), y, z), 0.4, 1.0),
-                (ray_casting.Rectangle((x, -0.8, 0.4), z, y), 0.8, 1.0),
-            ]
+        made += [*_both_sides((-1.5, -0.8, 0.4), 1.6), *_both_sides((1.5, -0.8, 0.4), 1.6)]
     elif name == "l-shape":
         boxes = ((0, 0, 0), (2, 1, 1)), ((0.5, 0, 1), (1, 1, 1))
         made = [(face, 0.8, 1.0) for one in boxes for face in ray_casting.box_faces(*one)]

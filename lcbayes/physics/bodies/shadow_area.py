@@ -48,7 +48,8 @@ from lcbayes.physics.bodies.shadows import Group
 NUDGE = 1e-10
 GRAZING = 1e-9  # a polygon whose cosine of incidence or of view is below this counts as dark
 MOST_TESTS = 1 << 14  # of edges against edges at once, in arrays that remain in cache ...
-FEWEST, MOST = 16, 512  # ... but for so many pairs of a polygon and an epoch
+FEW = 2  # shadows of a pair, of which most have no more, for which there is a program of its own
+FEWEST, MOST = 16, 512  # ... but for at least and at most so many pairs of a polygon and an epoch
 
 
 def lit_and_seen(
@@ -142,12 +143,13 @@ def _computed(slopes: bool, group: Group, sun: jax.Array, obs: jax.Array) -> tup
     flat = [jnp.moveaxis(jnp.asarray(x), 0, -2) for x in _edges(group)]
     flat = [x.reshape(*x.shape[:-2], -1) for x in flat]
     out = jnp.ones(total), *([jnp.zeros((total, 3))] * (2 if slopes else 0))
-    for fewer, most in pairwise([0, *_numbers(len(over))]):
+
+    def with_shadows(fewer: int, most: int, out: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
+        """Fill in the pairs with more than ``fewer`` shadows and at most ``most``."""
         at_once = min(total, max(FEWEST, min(MOST, MOST_TESTS // group.tests(most))))
         begin, end = (jnp.sum(number <= n) for n in (fewer, most))
 
-        def some(k: jax.Array, out: tuple[jax.Array, ...], rest=(most, at_once, begin, end)):
-            most, at_once, begin, end = rest
+        def some(k: jax.Array, out: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
             place = begin + k * at_once + jnp.arange(at_once)
             pair = jnp.where(place < end, order.at[place].get(mode="clip"), total)
             epoch, which = pair % epochs, jnp.minimum(pair // epochs, len(group.index) - 1)
@@ -161,18 +163,16 @@ def _computed(slopes: bool, group: Group, sun: jax.Array, obs: jax.Array) -> tup
                 found = (fraction(sun[epoch], obs[epoch]),)
             return tuple(x.at[pair].set(y, mode="drop") for x, y in zip(out, found, strict=True))
 
-        out = jax.lax.fori_loop(0, -(-(end - begin) // at_once), some, out)
+        return jax.lax.fori_loop(0, -(-(end - begin) // at_once), some, out)
+
+    for fewer, most in pairwise([0, *sorted({FEW, len(over)})]):
+        out = with_shadows(fewer, most, out)
     return tuple(jnp.moveaxis(x.reshape(-1, epochs, *x.shape[1:]), 0, 1) for x in out)
 
 
 def _edges(group: Group) -> list[Any]:
     """Ends and normals of the edges of all solids, (J, E, …, R)."""
     return [group.first, group.second, group.normal_a, group.normal_b]
-
-
-def _numbers(most: int) -> list[int]:
-    """Numbers of shadows for which there is a program: with two, and all; most pairs have two."""
-    return sorted({2, most})
 
 
 def _over(group: Group, sun: jax.Array, obs: jax.Array) -> jax.Array:
@@ -216,29 +216,29 @@ def _fraction(
         jnp.take(x, which, axis=-1) for x in (group.frame, group.corners, group.area)
     )
     both = [jnp.sum(frame * d.T, axis=1)[:, None] for d in (sun, obs)]  # (3, 1, P)
-    count = len(group.first)
+    count, order = len(group.first), jnp.asarray(group.order[:, :1])
     if chosen is None:
         number = jnp.arange(2 * count)[:, None]
         solids = [jnp.take(x, which, axis=-1) for x in _edges(group)]
-        parts = zip(*(_outlines(solids, d, len(group.order)) for d in both), strict=True)
+        parts = zip(*(_outlines(solids, d, order) for d in both), strict=True)
         ax, ay, bx, by = (jnp.concatenate(x) for x in parts)
     else:
         number = chosen
         index = number % count * len(group.index) + which
         solids = [jnp.moveaxis(jnp.take(x, index, axis=-1), -2, 0) for x in flat]
         d = jnp.where(number < count, both[0], both[1])
-        ax, ay, bx, by = _outlines(solids, d, len(group.order))
+        ax, ay, bx, by = _outlines(solids, d, order)
         there = (number < 2 * count)[:, None]  # the others have no edges
         bx, by = jnp.where(there, bx, ax), jnp.where(there, by, ay)
     outlines = _nudged((ax, ay), (bx, by), number)
     return jnp.clip(_area((corners[:, 0], corners[:, 1]), outlines) / area, 0.0, 1.0)
 
 
-def _outlines(solids: Sequence[jax.Array], d: jax.Array, slots: int) -> tuple[jax.Array, ...]:
+def _outlines(solids: Sequence[jax.Array], d: jax.Array, order: jax.Array) -> tuple[jax.Array, ...]:
     """Edges of shadows in the plane along d (3, n or 1, P), counter-clockwise seen from outside.
 
     A point at height h above the plane falls on (x, y) − h (d_x, d_y)/d_z. The edges of the solids
-    are those of `_edges`, (n, E, …, P).
+    are those of `_edges`, (n, E, …, P); ``order`` (S, 1) is that of the group.
 
     Returns
     -------
@@ -258,7 +258,6 @@ def _outlines(solids: Sequence[jax.Array], d: jax.Array, slots: int) -> tuple[ja
         tuple(jnp.where(facing[0], p[:, :, one], p[:, :, other]) for p in fallen)
         for one, other in ((0, 1), (1, 0))
     )
-    order = 1 + jnp.arange(slots)[:, None]
     return _of_outline((*start, *end), outer | always, order)
 
 

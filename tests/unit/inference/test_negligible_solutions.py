@@ -11,7 +11,6 @@ from scipy.stats import norm
 
 from lcbayes.core.checkpoint import Checkpoint
 from lcbayes.core.jax_setup import jax, jnp
-from lcbayes.core.progress import Silent
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference.fit import NEGLIGIBLE, Stages
 from lcbayes.inference.label_switching import FacetOrder
@@ -23,18 +22,9 @@ from lcbayes.samplers import sampling
 from lcbayes.samplers.chains import Whitening
 from lcbayes.samplers.settings import NUTS, Settings
 from tests.helpers import small_curves
+from tests.helpers.heard import Heard
 
 MEAN = 1.0  # of the prior of x, that of the positive solution
-
-
-class Heard(Silent):
-    """Progress that keeps what is said."""
-
-    def __init__(self) -> None:
-        self.lines: list[str] = []
-
-    def say(self, text: str) -> None:
-        self.lines.append(text)
 
 
 def log_evidence(curve: LightCurve, prior_sd: float, sign: float) -> float:

@@ -20,6 +20,7 @@ from lcbayes.inference.spin_search.series import Series, precision, total_area
 from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.samplers.settings import NUTS, Settings
+from tests.helpers.heard import Heard
 from tests.helpers.turning_facets import GAP, Truth
 
 LAW = "lambertian"
@@ -48,16 +49,6 @@ def test_cells_with_the_right_drift_have_the_evidence():
     near = grid.poles[cells.pole] @ truth.omega / rate > np.cos(np.radians(14.0))
     near &= (np.abs(cells.rate - rate) * span < 2.0) & (np.abs(cells.drift - unit) < 0.7)
     assert np.flatnonzero(near).min(initial=1000) < 5  # drifts are 0.625 apart
-
-
-class Heard(Silent):
-    """Progress that keeps what is said."""
-
-    def __init__(self) -> None:
-        self.lines: list[str] = []
-
-    def say(self, text: str) -> None:
-        self.lines.append(text)
 
 
 @pytest.mark.slow
