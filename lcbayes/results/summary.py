@@ -67,6 +67,11 @@ SURE_SE = 0.5  # nats; weights with smaller errors are not doubted
 MAX_APART = 1.05  # R-hat between independent runs
 MAX_SHIFT = 0.5  # sd, by what is left out; 90 % intervals still hold 86 %
 SHADOW_DRAWS = 3  # draws at which these are computed, besides the optimum
+OF_ASTEROID = {
+    "period_h": "the period",
+    "pole_lon_deg": "the longitude of the pole",
+    "pole_lat_deg": "the latitude of the pole",
+}  # its spin, in words
 LIKELY = 0.5  # probability above which a point counts as an outlier
 
 
@@ -275,10 +280,10 @@ def _late_curve(misfit: Misfit, moved: robustness.Shifts, curve: LightCurve) -> 
     if not misfit.explained or cause is None or cause.name != LATE_CURVE:
         return
     shift = moved.by_curve[curve.dated_titles.index(cause.version)] * abs(cause.amount)
-    spin = [i for i, name in enumerate(moved.quantities) if name in SPIN]
+    spin = [i for i, name in enumerate(moved.quantities) if name in OF_ASTEROID]
     if spin and shift[spin].max() > MAX_SHIFT:
         most = spin[int(np.argmax(shift[spin]))]
-        values = {"shift": float(shift[most]), "what": moved.quantities[most]}
+        values = {"shift": float(shift[most]), "what": OF_ASTEROID[moved.quantities[most]]}
         yield Finding("curve-appears-late", {"late": in_words(cause), **values})
 
 
