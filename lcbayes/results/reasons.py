@@ -58,8 +58,8 @@ SENTENCES = {
     "and the period depends on it: it is {period_s:#.7g} s if the rate drifts, as in the result, "
     "but the rate may be constant, with {passes}; observe another pass, or give --clock-sd if the "
     "times are certain",
-    "curve-appears-late": "the residuals say that {late}; that moves {what} by {shift:.2g} standard "
-    "deviations: correct these times, or leave the curve out",
+    "curve-appears-late": "the residuals say that {late}; that moves {what} by {shift:.2g} "
+    "standard deviations: correct these times, or leave the curve out",
     "shadows-left-out": "the parts of the body shade one another, and the fit leaves that out: "
     "their shadows take {percent:.2g} % of the light, which moves {what} by {shift:.2g} standard "
     "deviations; set shadows = true in the body's file, where lengths of parts must be numbers",
