@@ -18,7 +18,8 @@ from lcbayes.geometry.spherical import unit_vector
 from lcbayes.inference import correlation, search
 from lcbayes.modelling import registry
 from lcbayes.modelling.epochs import Epochs
-from lcbayes.modelling.problem import Problem, Sites
+from lcbayes.modelling.problem import Problem
+from lcbayes.modelling.recorded import Sites
 from lcbayes.samplers.chains import Whitening
 from lcbayes.simulation.scenarios import scenario
 from lcbayes.simulation.simulate import simulate

@@ -21,13 +21,24 @@ from lcbayes.inference.label_switching import AttitudeOrder
 from lcbayes.inference.spin_search.allowed import Allowed
 from lcbayes.inference.spin_search.drift import Drift
 from lcbayes.modelling import body_expansion, body_motion, likelihood, nuisances, zero_points
+from lcbayes.modelling.constrained import over_draws
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.expansion import likely_draws
 from lcbayes.modelling.known_spin import MIN_BISECTOR, KnownSpin, RatePrior
-from lcbayes.modelling.problem import LIT, OBS, SUN, TRACING, Coordinates, Problem, compiled
+from lcbayes.modelling.problem import (
+    LIT,
+    OBS,
+    SUN,
+    TRACING,
+    Coordinates,
+    Problem,
+    compiled,
+    with_lit,
+)
 from lcbayes.modelling.spin_coordinates import rate_and_direction
 from lcbayes.modelling.variables import albedo_area
 from lcbayes.physics import photometry
+from lcbayes.physics.bodies.lit import Lit
 from lcbayes.simulation.known_bodies import reflectances
 from lcbayes.simulation.known_bodies.body import KnownBody
 from lcbayes.simulation.known_bodies.reader import (
@@ -136,11 +147,11 @@ def model(
         weights = reflectances.weights(file, values)
         flux = data.expansion(jnp.concatenate([near, shape]), weights)
     else:
-        lit = data.visible
-        if lit is None and shadows:
-            lit = known.assembly.lit_and_seen(sun, obs)
-            if lit is not None:
-                numpyro.deterministic(LIT, lit)
+        lit = None
+        if data.lit is not None:
+            lit = data.lit(sun, obs)
+        elif shadows and (lit := known.assembly.lit_and_seen(sun, obs)) is not None:
+            numpyro.deterministic(LIT, lit)
         flux = _light(data, known, turned, values, sizes, shadows, lit)
     zero_point = zero_points.Prior(zero_point_sd, zero_point_spread)
     likelihood.observe(data, size * flux, noise_law, scatter, False, zero_point, correlated_noise)
@@ -160,7 +171,9 @@ def _light(
         return known.flux(*turned(data.t), values, shadows, sizes, lit)
 
     def seen(t):
-        return known.flux(*turned(t), values, shadows, sizes, data.visible)
+        to_sun, to_obs = turned(t)
+        given = None if data.lit is None else data.lit(to_sun, to_obs)
+        return known.flux(to_sun, to_obs, values, shadows, sizes, given)
 
     return photometry.exposed(seen, data.exposure_s)(data.t)
 
@@ -248,7 +261,7 @@ def _motion_at(sites, epochs: Epochs, file: BodyFile, options) -> body_motion.Mo
     defaults = signature(model).parameters
     names = ("spin", "omega_sd", "clock_sd", "rate_drift_sd", "period")
     given = {name: options.get(name, defaults[name].default) for name in names}
-    with handlers.block(), handlers.substitute(data=dict(sites)):
+    with TRACING, handlers.block(), handlers.substitute(data=dict(sites)):
         return _motion(epochs, file.body, **given)
 
 
@@ -288,8 +301,7 @@ def shadows_left_out(
         exposed = photometry.exposed(taken, epochs.exposure_s) if epochs.has_exposure else taken
         return exposed(epochs.t)
 
-    with TRACING:
-        return np.stack([np.asarray(change(sites, data)) for sites in draws])
+    return np.stack([np.asarray(change(sites, data)) for sites in draws])
 
 
 def coordinates(
@@ -361,18 +373,17 @@ def search(problem, data: Epochs, options, workers: int, progress, checkpoint=No
     ends = phases.optimised(simple, apart, sites, cell, workers, progress)
     if exact:
         images = AttitudeOrder(simple, alike).images
-        simple = Problem(partial(model, **loose), apart.soft)
+        simple = Problem(partial(model, **loose), apart.soft, shading=known.assembly.shading)
         ends = phases.with_shadows(simple, apart, ends, images, workers, progress)
     ends = phases.followed(simple, apart, ends, workers, progress)
     drift = Drift.of(data, problem, float(options["rate_drift_sd"]))
     joined = turns.starts(simple, apart, ends, allowed, drift)
-    held = held_shadows(problem, data, **options)
-    if exact or held is None:
+    if exact or problem.shading is None:
         return turns.optimised(problem, data, joined, workers, progress), coverage
     simple = Problem(partial(model, **options | rough), data)
     ends = turns.optimised(simple, data, joined, workers, progress)
     images = AttitudeOrder(problem, alike).images
-    return turns.with_fixed_shadows(problem, data, ends, held, images, workers, progress), coverage
+    return turns.with_fixed_shadows(problem, data, ends, images, workers, progress), coverage
 
 
 def _start(start: phases.Start, file: BodyFile, surface: Surface, options, unit: float):
@@ -408,35 +419,37 @@ def guide(problem, data: Epochs, **options):
         return None
     ends = reflectances.corners(file)
 
+    def parts(middle, z, epochs: Epochs) -> tuple[jax.Array, jax.Array, jax.Array]:
+        sites = problem.constrain(z, epochs)
+        values, sizes = _values(sites, file), _lengths(sites, file)
+        motion = _motion_at(sites, epochs, file, options)
+        turned = motion.turned(epochs)
+        lit = None if epochs.lit is None else epochs.lit(*turned(epochs.t))
+
+        def seen(end) -> jax.Array:
+            given = {name: {**values[name], **end.get(name, {})} for name in values}
+            return _light(epochs, known, turned, given, sizes, shadows, lit)
+
+        shape = reflectances.shape_of(file, values, sizes)
+        near = jnp.concatenate([_near(motion, middle, known, spin), shape])
+        every = jax.vmap(seen)(ends) if jax.tree.leaves(ends) else seen({})[None]
+        return near, reflectances.weights(file, values), every
+
     @jax.jit
-    def about(z: jax.Array, information: jax.Array, epochs: Epochs) -> Epochs:
-        middle = _motion_at(problem.constrain(z, epochs), epochs, file, options).attitude
+    def curves(middle, rows, epochs: Epochs, lit: Lit | None):
+        return jax.lax.map(lambda x: parts(middle, x[0], with_lit(epochs, x[1])), (rows, lit))
 
-        def parts(z: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
-            sites = problem.constrain(z, epochs)
-            values, sizes = _values(sites, file), _lengths(sites, file)
-            motion = _motion_at(sites, epochs, file, options)
-            turned = motion.turned(epochs)
-            lit = known.assembly.lit_and_seen(*turned(epochs.t)) if shadows else None
-
-            def seen(end) -> jax.Array:
-                given = {name: {**values[name], **end.get(name, {})} for name in values}
-                return _light(epochs, known, turned, given, sizes, shadows, lit)
-
-            shape = reflectances.shape_of(file, values, sizes)
-            near = jnp.concatenate([_near(motion, middle, known, spin), shape])
-            every = jax.vmap(seen)(ends) if jax.tree.leaves(ends) else seen({})[None]
-            return near, reflectances.weights(file, values), every
-
-        few = jax.eval_shape(parts, z)[0].size
-        number = body_expansion.FITTED * body_expansion.number_of_monomials(few)
-        drawn = likely_draws(z, jnp.linalg.cholesky(information), number)
-        expansion = body_expansion.BodyExpansion.of(middle, *jax.lax.map(parts, drawn))
-        return replace(epochs, expansion=expansion)
+    attitude = jax.jit(lambda sites, epochs: _motion_at(sites, epochs, file, options).attitude)
+    expanded = jax.jit(body_expansion.BodyExpansion.of)
 
     def at(z: np.ndarray) -> Epochs:
-        with TRACING:
-            return about(jnp.asarray(z), compiled(problem.fisher)(z, data), data)
+        middle = attitude(compiled(problem.constrain)(jnp.asarray(z), data), data)
+        few = jax.eval_shape(parts, middle, z, data)[0].size
+        number = body_expansion.FITTED * body_expansion.number_of_monomials(few)
+        root = jnp.linalg.cholesky(compiled(problem.fisher)(z, data))
+        rows = np.asarray(likely_draws(jnp.asarray(z), root, number))
+        found = over_draws(lambda _, *args: curves(middle, *args), problem, rows, data)
+        return replace(data, expansion=expanded(middle, *map(jnp.asarray, found)))
 
     return at
 
@@ -454,27 +467,10 @@ def _lengths(sites, file: BodyFile):
     return {key: sites[f"{file.body.names[key[0]]}_{key[1]}"] for key in file.sizes}
 
 
-def held_shadows(problem, data: Epochs, **options):
-    """Optimum (D,) -> epochs whose shadows are those of the optimum, whatever the motion.
-
-    The posterior with fixed shadows is similar to that with moving ones about the optimum, and as
-    cheap as without shadows. None if there are no shadows.
-    """
-    file = read_body_text(options["body"], options.get("tolerance") or None)
-    assembly = file.body.assembly
-    if not options.get("shadows", True) or assembly.method == "none":
-        return None
-
-    @jax.jit
-    def held(z: jax.Array, epochs: Epochs) -> Epochs:
-        turned = _motion_at(problem.constrain(z, epochs), epochs, file, options).turned(epochs)
-        return replace(epochs, visible=assembly.lit_and_seen(*turned(epochs.t)))
-
-    def about(z: np.ndarray) -> Epochs:
-        with TRACING:
-            return held(jnp.asarray(z), data)
-
-    return about
+def shading(*, body: str, shadows: bool = True, tolerance: float = 0.0, **options: object):  # noqa: ARG001
+    """What shadows leave of each panel about directions; None if the fit has no exact shadows."""
+    file = read_body_text(body_text(body), tolerance or None)
+    return file.body.assembly.shading if shadows else None
 
 
 def equivalents(

@@ -25,15 +25,15 @@ def each(f: Callable[..., Any], rows: Any) -> Any:
     return jax.lax.map(f, rows) if jax.default_backend() == "cpu" else jax.vmap(f)(rows)
 
 
-def on_all_cores(f: Callable[..., Any], *rows: Any) -> Any:
-    """`in_blocks` of `ROWS` rows, with a thread on each core."""
+def on_all_cores(f: Callable[..., Any], *rows: Any, size: int = ROWS) -> Any:
+    """`in_blocks` of some rows, with a thread on each core."""
 
     def over(one: Callable[..., Any], index: NDArray[np.int64]) -> Iterator[Any]:
         yield one(index[0])  # alone, so that the program is compiled once
         with threads(os.cpu_count() or 1) as pool:
             yield from pool.map(one, index[1:])
 
-    return in_blocks(f, ROWS, *rows, over=over)
+    return in_blocks(f, size, *rows, over=over)
 
 
 def in_blocks(f: Callable[..., Any], size: int, *rows: Any, over: Callable[..., Any] = map) -> Any:

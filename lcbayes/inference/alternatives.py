@@ -24,7 +24,8 @@ from lcbayes.geometry.times import date
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import FLUX
 from lcbayes.modelling.nutation import in_phase
-from lcbayes.modelling.problem import Problem, Sites, compiled
+from lcbayes.modelling.problem import Problem, compiled
+from lcbayes.modelling.recorded import Sites
 from lcbayes.physics.bodies import facets
 from lcbayes.physics.brightness import DiffuseLaw, diffuse_kernel
 

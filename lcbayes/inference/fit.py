@@ -275,20 +275,23 @@ class Stages:
                 problems, data, options, settings.num_starts, key, workers, progress, checkpoint
             )
             return ends, repeats.starts, repeats
-        starts = _starts(entry, self.options, problem, data, key, settings.num_starts)
-        if spins:
-            starts = placed(spins, starts, problem, data, options)
         complete = None
         if not spins and not settings.num_starts:
             facets = complete_search if applies(problem, data, options) else None
             complete = entry.hook("search") or facets
-        if (stored := checkpoint.load(name)) is not None:
-            coverage = Coverage.restored(stored)
-            return search.SearchState(**stored), len(starts), coverage
+        stored = checkpoint.load(name)
         if complete is not None:
+            if stored is not None:
+                coverage = Coverage.restored(stored)
+                return search.SearchState(**stored), len(stored["z"]), coverage
             ends, coverage = complete(problem, data, options, workers, progress, checkpoint)
             checkpoint.save(name, ends._asdict() | coverage.stored())
-            return ends, len(starts), coverage
+            return ends, len(ends.z), coverage
+        starts = _starts(entry, self.options, problem, data, key, settings.num_starts)
+        if spins:
+            starts = placed(spins, starts, problem, data, options)
+        if stored is not None:
+            return search.SearchState(**stored), len(starts), None
         informed = entry.hook("starts") is not None or spins
         way = None if informed else time_ordered(problem, data)
         ends = search.successive_halving(problem, data, starts, workers, progress, way)
@@ -493,7 +496,7 @@ def _starts(entry, options, problem: Problem, data, key, n: int) -> jax.Array:
 def _translate(source: Problem, target: Problem, z: Floats, data: Epochs) -> jax.Array:
     if source is target:
         return jnp.asarray(z)
-    return target.ravel(source.constrain(jnp.asarray(z), data))
+    return target.ravel(compiled(source.constrain)(jnp.asarray(z), data))
 
 
 __all__ = ["Mode", "Posterior", "run"]

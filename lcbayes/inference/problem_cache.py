@@ -7,6 +7,7 @@ number of groups give problems that differ only in the arguments of the compiled
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 from lcbayes.core.jax_setup import jax
@@ -43,8 +44,11 @@ def build_problem(
         for known, problems in _kept:
             if known == key:
                 return problems
-        plain = Problem(entry.bind(options), data)
-        problems = plain, plain if own is None else Problem(entry.bind(options), data, own)
+        shading = entry.hook("shading")
+        shading = None if shading is None else shading(**options)
+        make = partial(Problem, entry.bind(options), data, shading=shading)
+        plain = make()
+        problems = plain, plain if own is None else make(own)
         if len(_kept) >= MAX_STRUCTURES:
             forget()
         _kept.append((key, problems))

@@ -2,32 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lcbayes.core.blocks import on_all_cores
+from lcbayes.core.blocks import ROWS, on_all_cores
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.geometry.spherical import unwrapped
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import FLUX, OUTLIER
 from lcbayes.modelling.nutation import RESPONSE
-from lcbayes.modelling.problem import LIT, OBS, SUN, Problem, Sites
+from lcbayes.modelling.problem import LIT, OBS, SUN, Problem, with_lit
+from lcbayes.modelling.recorded import Sites
 from lcbayes.modelling.variables import reported
+from lcbayes.physics.bodies.lit import Lit
 
 Floats = NDArray[np.float64]
 
 PER_EPOCH = ("expected", FLUX, OUTLIER, SUN, OBS, LIT, RESPONSE)
+SHADED = 16  # draws in a block of a body with shadows, of which each has an array
 VALUES = 10_000  # epochs times draws in one batch, so that its arrays stay in the cache
 CIRCLES = {"phi": 2 * np.pi, "pole_lon_deg": 360.0}
+
+
+def over_draws(
+    program: Callable[..., Any], problem: Problem, z: Floats, data: Epochs, *others: Any
+) -> Any:
+    """``program(problem, rows, data, lit, *others)`` of draws (n, D), in blocks on all cores.
+
+    It must be compiled. ``lit`` is `Problem.lit_of_draws`, for `with_lit` of each row.
+    """
+
+    def block(rows: Floats, *more: Any) -> Any:
+        return program(problem, rows, data, problem.lit_of_draws(jnp.asarray(rows), data), *more)
+
+    size = ROWS if problem.shading is None else SHADED
+    return on_all_cores(block, z, *others, size=size)
 
 
 def constrain_draws(problem: Problem, z: Floats, data: Epochs) -> dict[str, NDArray]:
     """Every site at draws z (C, S, D), except sites with one value per epoch."""
     flat = z.reshape(-1, z.shape[-1])
-    sites = on_all_cores(lambda rows: _constrained(problem, rows, data), flat)
+    sites = over_draws(_constrained, problem, flat, data)
     return {k: v.reshape(*z.shape[:2], *v.shape[1:]) for k, v in sites.items()}
 
 
@@ -38,7 +57,7 @@ def without_epochs(sites: Sites) -> Sites:
 
 def potentials(problem: Problem, z: Floats, data: Epochs) -> Floats:
     """−ln p(y, z) for rows (n, D), as (n,)."""
-    return on_all_cores(lambda rows: _potentials(problem, rows, data), z)
+    return over_draws(_potentials, problem, z, data)
 
 
 def reported_draws(draws: Mapping[str, NDArray]) -> dict[str, Floats]:
@@ -55,14 +74,17 @@ def quantities(problem: Problem, z: Floats, data: Epochs) -> Floats:
 
 
 @partial(jax.jit, static_argnums=0)
-def _potentials(problem: Problem, rows: Floats, data: Epochs) -> jax.Array:
-    return jax.lax.map(lambda row: problem.potential(row, data), jnp.asarray(rows))
+def _potentials(problem: Problem, rows: Floats, data: Epochs, lit: Lit | None) -> jax.Array:
+    def one(args: tuple[jax.Array, Lit | None]) -> jax.Array:
+        return problem.potential(args[0], with_lit(data, args[1]))
+
+    return jax.lax.map(one, (jnp.asarray(rows), lit))
 
 
 @partial(jax.jit, static_argnums=0)
-def _constrained(problem: Problem, rows: Floats, data: Epochs) -> Sites:
-    def one(row: jax.Array) -> Sites:
-        return without_epochs(problem.constrain(row, data))
+def _constrained(problem: Problem, rows: Floats, data: Epochs, lit: Lit | None) -> Sites:
+    def one(args: tuple[jax.Array, Lit | None]) -> Sites:
+        return without_epochs(problem.constrain(args[0], with_lit(data, args[1])))
 
     together = int(np.clip(VALUES // data.t.size, 1, 32))
-    return jax.lax.map(one, jnp.asarray(rows), batch_size=together)
+    return jax.lax.map(one, (jnp.asarray(rows), lit), batch_size=together)

@@ -22,6 +22,7 @@ from lcbayes.modelling.expansion import Expansion
 from lcbayes.modelling.pass_effects import Passes
 from lcbayes.physics import photometry
 from lcbayes.physics.attitude.laws import Ephemeris
+from lcbayes.physics.bodies.lit import Lit
 
 Floats = NDArray[np.float64]
 
@@ -102,8 +103,8 @@ class Epochs:
         Rates of change of ``sun`` and ``obs``; zero if unknown.
     information : scalar or (T,)
         Power to which the likelihood of a point is raised; 1 for independent errors.
-    visible : (T, N) or None
-        Lit and seen share of each panel of a known body, where shadows are fixed (`models.body`).
+    lit : Lit or None
+        What shadows leave of each panel of a known body, if the model is not to compute it.
     expansion : Expansion, BodyExpansion or None
         The brightness about one solution, as a polynomial (`models.convex_grid`, `models.body`).
     kind : "flux" or "mag"
@@ -159,7 +160,7 @@ class Epochs:
     sun_rate: jax.Array
     obs_rate: jax.Array
     information: jax.Array
-    visible: jax.Array | None = None
+    lit: Lit | None = None
     expansion: Expansion | BodyExpansion | None = None
     kind: str = _static("flux")
     has_error: bool = _static(True)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import partial, wraps
 from threading import RLock
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpyro.distributions as dist
@@ -20,15 +20,28 @@ from lcbayes.core.errors import InputError
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.modelling import zero_points
 from lcbayes.modelling.epochs import Epochs
-from lcbayes.modelling.likelihood import FLUX, OBSERVED, Contaminated, Law
+from lcbayes.modelling.likelihood import FLUX, OBSERVED, Law
 from lcbayes.modelling.moments import MomentCoordinates
 from lcbayes.modelling.nuisances import drawn_jointly
 from lcbayes.modelling.nutation import RESPONSE
-from lcbayes.modelling.priors import UniformDirection
+from lcbayes.modelling.recorded import (
+    Moments,
+    Sites,
+    base,
+    is_condition,
+    is_direction,
+    law_of,
+    moments_of,
+    power_of,
+    response_of,
+    weights_of,
+)
 from lcbayes.modelling.sites import reaching, sites_and_supports, zeros
+from lcbayes.physics.bodies.lit import Lit
 
-Sites = dict[str, jax.Array]
 Coordinates = Mapping[str, Transform] | Mapping[str | tuple[str, ...], Transform]
+
+type Shading = Callable[[jax.Array, jax.Array], Lit]
 
 SUN, OBS = "sun_body", "obs_body"  # sites: directions in body axes
 LIT = "lit_and_seen"  # site: what shadows leave of each panel, which depends on these alone
@@ -52,13 +65,6 @@ def _once[**P, R](method: Callable[P, R]) -> Callable[P, R]:
     return call
 
 
-class Moments(NamedTuple):
-    """Centre and width (T,) of the likelihood at one point of parameter space."""
-
-    mean: jax.Array
-    sd: jax.Array
-
-
 class Problem:
     """The posterior of ``model`` given ``data``, over unconstrained vectors z of size ``dim``.
 
@@ -76,6 +82,9 @@ class Problem:
         Transforms from unconstrained to constrained values of the named sites, in place of those
         of NumPyro, such that the posterior is easier to sample. A tuple names several sites of one
         number each, which a transform of vectors moves together.
+    shading : callable, optional
+        Compiled function of directions to Sun and observer in body axes, (T, 3) each, that gives
+        what shadows leave of each panel about them, if the model takes that from the epochs.
 
     Raises
     ------
@@ -89,8 +98,9 @@ class Problem:
         model: Callable[[Epochs], Any],
         data: Epochs,
         coordinates: Coordinates | None = None,
+        shading: Shading | None = None,
     ) -> None:
-        self.model = model
+        self.model, self.shading = model, shading
         trace, supports = sites_and_supports(partial(self.trace, {}), data)
         latent = {k: v for k, v in trace.items() if v["type"] == "sample" and not v["is_observed"]}
         observed = trace.get(OBSERVED)
@@ -99,7 +109,7 @@ class Problem:
                 f"the model has no observed site {OBSERVED!r}; "
                 "end it with lcbayes.modelling.likelihood.observe(data, flux)"
             )
-        if not isinstance(_base(observed["fn"]), dist.Normal | dist.StudentT):
+        if not isinstance(base(observed["fn"]), dist.Normal | dist.StudentT):
             raise InputError(
                 f"the model's site {OBSERVED!r} is a {type(observed['fn']).__name__}; "
                 "expected Normal or StudentT"
@@ -118,8 +128,8 @@ class Problem:
         )
         flat, self.unravel = ravel_pytree(template)
         self.dim = int(flat.size)
-        self.law: Law = _law(_base(observed["fn"]))
-        lengths = (np.prod(v["fn"].batch_shape) for v in latent.values() if _is_direction(v))
+        self.law: Law = law_of(base(observed["fn"]))
+        lengths = (np.prod(v["fn"].batch_shape) for v in latent.values() if is_direction(v))
         # The lengths of direction vectors do not count as parameters.
         redundant = (getattr(v["fn"], "redundant", 0) for v in latent.values())
         self.n_parameters = self.dim - int(sum(lengths)) - sum(redundant)
@@ -130,7 +140,7 @@ class Problem:
             k: np.arange(end - template[k].size, end)
             for k, end in zip(self.names, ends, strict=True)
         }
-        self._gaussian = [k for k in self.names if isinstance(_base(latent[k]["fn"]), dist.Normal)]
+        self._gaussian = [k for k in self.names if isinstance(base(latent[k]["fn"]), dist.Normal)]
         moving = reaching(lambda free: self._flux(free, data), template)
         turning = reaching(lambda free: self._turned(free, data), template)
         facets = [(k,) for k in moving if k not in turning]
@@ -141,7 +151,7 @@ class Problem:
         )
         self._knows_errors = not widths
         # the sites on which the data depend other than through the flux
-        held, flux = zeros(_response(trace)), zeros(trace[FLUX]["value"])
+        held, flux = zeros(response_of(trace)), zeros(trace[FLUX]["value"])
         self._direct = reaching(lambda free: self._conditions(data, held, free, flux), template)
         moved = self.rows(k for group in self._body for k in group)
         self._still = np.setdiff1d(np.arange(self.dim), moved)
@@ -197,7 +207,7 @@ class Problem:
         """−log p(y, z) with respect to z."""
         trace, log_det = self._trace(z, data)
         return -log_det - sum(
-            jnp.sum(v["fn"].log_prob(v["value"]) * _power(v))
+            jnp.sum(v["fn"].log_prob(v["value"]) * power_of(v))
             for v in trace.values()
             if v["type"] == "sample"
         )
@@ -212,7 +222,7 @@ class Problem:
         trace, _ = self._trace(z, data)
         return sum(
             (
-                jnp.sum(v["fn"].log_prob(v["value"]) * _power(v))
+                jnp.sum(v["fn"].log_prob(v["value"]) * power_of(v))
                 for k, v in trace.items()
                 if v["type"] == "sample" and v["is_observed"] and k != OBSERVED
             ),
@@ -223,14 +233,39 @@ class Problem:
         """ln of the prior density of each latent site in its unit, without `log_factors`."""
         trace, _ = self._trace(z, data)
         return {
-            k: jnp.sum(trace[k]["fn"].log_prob(trace[k]["value"]) * _power(trace[k]))
+            k: jnp.sum(trace[k]["fn"].log_prob(trace[k]["value"]) * power_of(trace[k]))
             for k in self.names
         }
 
     @_once
     def moments(self, z: jax.Array | Sites, data: Epochs) -> Moments:
         """Centre and width of the likelihood; z is flat or a dict of unconstrained sites."""
-        return _moments(self._trace(z, data)[0][OBSERVED])
+        return moments_of(self._trace(z, data)[0][OBSERVED])
+
+    def lit(self, z: jax.Array | NDArray[np.float64], data: Epochs) -> Lit | None:
+        """What shadows leave of each panel at z, with its slopes; None if they are not computed."""
+        if self.shading is None or data.lit is not None or data.expansion is not None:
+            return None
+        return self.shading(*_call(Problem._directions, self, z, data))
+
+    def shaded(self, z: jax.Array | NDArray[np.float64], data: Epochs) -> Epochs:
+        """Epochs with which a program of z has the same value and derivative, without shadows.
+
+        A program with shadows takes ten seconds to compile, and a fit has dozens of programs.
+        Those of an exposure are at several times, and remain in the program.
+        """
+        return data if data.has_exposure else with_lit(data, self.lit(z, data))
+
+    def lit_of_draws(self, rows: jax.Array, data: Epochs) -> Lit | None:
+        """`lit` of draws (n, D) without slopes, (n, T, N); None where a program computes it."""
+        each = [] if data.has_exposure else [self.lit(row, data) for row in rows]
+        parts = [lit.fraction for lit in each if lit is not None]
+        return Lit(jnp.stack(parts)) if parts else None
+
+    def _directions(self, z: jax.Array, data: Epochs) -> tuple[jax.Array, jax.Array]:
+        """Of Sun and observer in body axes, (T, 3) each."""
+        trace, _ = self._trace(z, data)
+        return trace[SUN]["value"], trace[OBS]["value"]
 
     def flux_at(self, z: jax.Array, data: Epochs) -> jax.Array:
         """The flux that the model passes to `likelihood.observe`, (T,)."""
@@ -242,7 +277,7 @@ class Problem:
 
         def centre(flux: jax.Array) -> jax.Array:
             with TRACING, handlers.substitute(data={FLUX: flux}):
-                return _moments(self._trace(free, data)[0][OBSERVED]).mean
+                return moments_of(self._trace(free, data)[0][OBSERVED]).mean
 
         _, push = jax.linearize(centre, self._flux(free, data))
         return jax.vmap(push)(change) / self.moments(z, data).sd
@@ -264,7 +299,7 @@ class Problem:
         """
         with TRACING, handlers.substitute(data={FLUX: flux, **held}):
             trace, _ = self._trace(free, data)
-        parts = [_moments(v) for v in trace.values() if _is_condition(v)]
+        parts = [moments_of(v) for v in trace.values() if is_condition(v)]
         return Moments(
             *(jnp.concatenate([jnp.ravel(x) for x in p]) for p in zip(*parts, strict=True))
         )
@@ -276,7 +311,7 @@ class Problem:
         It is ln F(m − |y − m|) with the noise distribution F of centre m; at most ln ½.
         """
         site = self._trace(z, data)[0][OBSERVED]
-        fn = _base(site["fn"])
+        fn = base(site["fn"])
         mirrored = fn.loc - jnp.abs(site["value"] - fn.loc)
         return fn.log_cdf(mirrored) if isinstance(fn, dist.Normal) else jnp.log(fn.cdf(mirrored))
 
@@ -322,7 +357,7 @@ class Problem:
         if faults.zero_point is None:
             return drawn
         each = jnp.append(faults.zero_point, 0.0)[data.calibration]
-        return drawn + zero_points.response(data, _moments(site).mean) * each
+        return drawn + zero_points.response(data, moments_of(site).mean) * each
 
     @_once
     def fisher(self, z: jax.Array, data: Epochs) -> jax.Array:
@@ -338,11 +373,11 @@ class Problem:
         """
         free = self.unravel(z)
         trace, _ = self._trace(free, data)
-        weights = [_weights(v) for v in trace.values() if _is_condition(v)]
+        weights = [weights_of(v) for v in trace.values() if is_condition(v)]
         w, v = (jnp.concatenate(x) for x in zip(*weights, strict=True))
         basis = jax.vmap(self.unravel)(jnp.eye(self.dim))
         flux = trace[FLUX]["value"]
-        still = replace(data, visible=trace[LIT]["value"]) if LIT in trace else data
+        still = replace(data, lit=Lit(trace[LIT]["value"])) if LIT in trace else data
         parts = [jnp.zeros((self._still.size, flux.size))]
         for group in self._body:
             some = {name: free[name] for name in group}
@@ -350,7 +385,7 @@ class Problem:
             along = jax.jacfwd(lambda x, given=given: self._flux({**free, **x}, given))(some)
             parts += [along[name].reshape(flux.size, -1).T for name in group]
         change = jnp.concatenate(parts)[self._body_order]
-        held = _response(trace)  # its change with the parameters is of second order
+        held = response_of(trace)  # its change with the parameters is of second order
 
         def conditions(direct: Sites, flux: jax.Array) -> Moments:
             return self._conditions(data, held, {**free, **direct}, flux)
@@ -375,13 +410,13 @@ class Problem:
         """
         free = self.unravel(z)
         trace, _ = self._trace(free, data)
-        sd = {k: _moments(trace[k]).sd for k in self._gaussian}
+        sd = {k: moments_of(trace[k]).sd for k in self._gaussian}
 
         def residuals(z: jax.Array) -> jax.Array:
             trace, _ = self._trace(z, data)
             parts = [jnp.zeros(0)]
             for k in self._gaussian:
-                mean, width = _moments(trace[k])
+                mean, width = moments_of(trace[k])
                 parts += [(trace[k]["value"] - mean) / sd[k], jnp.sqrt(2.0) * jnp.log(width)]
             return jnp.concatenate([jnp.ravel(x) for x in parts])
 
@@ -434,10 +469,21 @@ def _separate(names: tuple[str, ...], value: Any) -> Sites:
 def compiled(method: Callable[..., Any]) -> Callable[..., Any]:
     """A compiled method of a problem, shared by all light curves of the same structure.
 
-    In contrast, `jax.jit(problem.method)` would compile a new program at each call.
+    In contrast, `jax.jit(problem.method)` would compile a new program at each call. Shadows are
+    computed before, by the same program for all methods; see `Problem.shaded`.
     """
     owner: Any = method
-    return partial(_call, owner.__func__, owner.__self__)
+    function, problem = owner.__func__, owner.__self__
+
+    def call(z: jax.Array, data: Epochs, *args: Any) -> Any:
+        return _call(function, problem, z, problem.shaded(z, data), *args)
+
+    return call
+
+
+def with_lit(data: Epochs, lit: Lit | None) -> Epochs:
+    """The epochs with what shadows leave, if that is given."""
+    return data if lit is None else replace(data, lit=lit)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -449,49 +495,3 @@ def prior_draws(problem: Problem, keys: jax.Array, data: Epochs) -> jax.Array:
 @partial(jax.jit, static_argnums=(0, 1))
 def _call(function: Callable[..., Any], problem: Problem, *args: Any) -> Any:
     return function(problem, *args)
-
-
-def _base(fn: Any) -> Any:
-    while isinstance(fn, dist.Independent | dist.ExpandedDistribution | dist.MaskedDistribution):
-        fn = fn.base_dist
-    return fn
-
-
-def _law(fn: Any) -> Law:
-    if isinstance(fn, dist.StudentT):
-        return "student-t"
-    return "mixture" if isinstance(fn, Contaminated) else "gaussian"
-
-
-def _is_direction(site: dict[str, Any]) -> bool:
-    return isinstance(_base(site["fn"]), UniformDirection)
-
-
-def _response(trace: dict[str, Any]) -> Sites:
-    """The response to small nutation, if it is in the model."""
-    return {RESPONSE: trace[RESPONSE]["value"]} if RESPONSE in trace else {}
-
-
-def _is_condition(site: dict[str, Any]) -> bool:
-    observed = site["type"] == "sample" and site["is_observed"]
-    return observed and isinstance(_base(site["fn"]), dist.Normal | dist.StudentT)
-
-
-def _moments(site: dict[str, Any]) -> Moments:
-    fn, shape = _base(site["fn"]), jnp.shape(site["value"])
-    return Moments(jnp.broadcast_to(fn.loc, shape), jnp.broadcast_to(fn.scale, shape))
-
-
-def _weights(site: dict[str, Any]) -> tuple[jax.Array, jax.Array]:
-    """Weights w and v in `Problem.fisher` of one observed site, flattened."""
-    fn, shape, power = _base(site["fn"]), (jnp.asarray(site["value"]).size,), _power(site)
-    if isinstance(fn, dist.StudentT):
-        df = jnp.ravel(jnp.asarray(fn.df))[0]
-        w, v = (df + 1) / (df + 3), df / (df + 3)
-        return jnp.full(shape, power * w), jnp.full(shape, power * v)
-    return jnp.full(shape, power), jnp.full(shape, power)
-
-
-def _power(site: dict[str, Any]) -> jax.Array | float:
-    """Power to which a site's probability is raised."""
-    return 1.0 if site["scale"] is None else site["scale"]

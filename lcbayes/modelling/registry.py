@@ -50,6 +50,9 @@ model is shown to the user. The report recognises standard site names (``albedo_
     Changes of the flux (n, T) by shadows that the model leaves out although they can be computed,
     at n draws {site: value} of constrained values; None if there are none. A result that they would
     change is not trusted.
+``shading(**options)``
+    What shadows leave of each panel of a body, for `Problem`, if the model takes it from
+    ``data.lit`` where that is given; None if there are none.
 ``constants(data, **options)``
     Arrays to store with the result, such as a fixed grid of normals.
 """

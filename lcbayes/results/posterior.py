@@ -16,7 +16,6 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from lcbayes.core.blocks import on_all_cores
 from lcbayes.core.cluster import without_cluster
 from lcbayes.core.files import write_atomic
 from lcbayes.core.jax_setup import jax, jnp
@@ -26,14 +25,16 @@ from lcbayes.inference.alternatives import names_of
 from lcbayes.inference.fit import Mode, Posterior
 from lcbayes.inference.loo import loo, without_tail
 from lcbayes.inference.prior_mass import prior_sample
-from lcbayes.modelling.constrained import constrain_draws, without_epochs
+from lcbayes.modelling.constrained import constrain_draws, over_draws, without_epochs
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import FLUX, OBSERVED, OUTLIER
 from lcbayes.modelling.nuisances import INTEGRATED_OUT, drawn
 from lcbayes.modelling.nutation import AMOUNTS
-from lcbayes.modelling.problem import Problem, Sites
+from lcbayes.modelling.problem import Problem, compiled, with_lit
+from lcbayes.modelling.recorded import Sites
 from lcbayes.modelling.registry import Entry
 from lcbayes.modelling.variables import GROUPS, unit
+from lcbayes.physics.bodies.lit import Lit
 from lcbayes.results.draws import DARK, DARK_TIME, LOG_LIKELIHOOD, weighted_rows
 from lcbayes.results.light_curve import light_curve_attributes, light_curve_variables
 from lcbayes.samplers.chains import INVERSE_MASS
@@ -305,21 +306,24 @@ def _recorded(
     """Every site without one value per epoch, (C, S, ...), and, (C, S, T), the pointwise log
     likelihood and one replicate of the data. They share the brightness, which is slow to compute.
     """
-    rows = z.reshape(-1, z.shape[2]), jax.random.split(key, z.shape[0] * z.shape[1])
-    found = on_all_cores(lambda *some: _predicted(problem, *some, data), *rows)
+    keys = jax.random.split(key, z.shape[0] * z.shape[1])
+    found = over_draws(_predicted, problem, z.reshape(-1, z.shape[2]), data, keys)
     return jax.tree.map(lambda x: x.reshape(*z.shape[:2], *x.shape[1:]), found)
 
 
 @partial(jax.jit, static_argnums=0)
-def _predicted(problem: Problem, rows: jax.Array, keys: jax.Array, data: Epochs):
-    def one(args: tuple[jax.Array, jax.Array]) -> tuple[Sites, jax.Array, jax.Array]:
-        row, key = args
-        sites = problem.constrain(row, data)
-        replicate = problem.replicate(row, data, key, sites)
-        likelihood = problem.log_likelihood(row, data, sites[FLUX])
+def _predicted(
+    problem: Problem, rows: jax.Array, data: Epochs, lit: Lit | None, keys: jax.Array
+) -> tuple[Sites, jax.Array, jax.Array]:
+    def one(args: tuple[jax.Array, Lit | None, jax.Array]) -> tuple[Sites, jax.Array, jax.Array]:
+        row, lit, key = args
+        given = with_lit(data, lit)
+        sites = problem.constrain(row, given)
+        replicate = problem.replicate(row, given, key, sites)
+        likelihood = problem.log_likelihood(row, given, sites[FLUX])
         return without_epochs(sites), likelihood, replicate
 
-    return jax.lax.map(one, (rows, keys))
+    return jax.lax.map(one, (rows, lit, keys))
 
 
 def _curves(problem: Problem, mode: Mode, data: Epochs) -> xr.Dataset | None:
@@ -329,25 +333,19 @@ def _curves(problem: Problem, mode: Mode, data: Epochs) -> xr.Dataset | None:
     best = int(np.nanargmin(energy)) if np.isfinite(energy).any() else 0
     spread = np.linspace(0, chains * draws - 1, min(CURVES, chains * draws)).round().astype(int)
     rows = np.array([best, *spread[spread != best]])
-    brightness = _expected(problem, jnp.asarray(mode.z.reshape(chains * draws, -1)[rows]), data)
-    if brightness is None:
+    drawn = mode.z.reshape(chains * draws, -1)[rows]
+    sites = [compiled(problem.constrain)(z, data) for z in drawn]
+    if EXPECTED not in sites[0]:
         return None
+    brightness = np.stack([np.asarray(one[EXPECTED]) for one in sites])
     return xr.Dataset(
-        {EXPECTED: (("curve_draw", "time"), np.asarray(brightness))},
+        {EXPECTED: (("curve_draw", "time"), brightness)},
         {
             "chain_of": ("curve_draw", rows // draws),
             "draw_of": ("curve_draw", rows % draws),
             "time": np.arange(brightness.shape[1]),
         },
     )
-
-
-@partial(jax.jit, static_argnums=0)
-def _expected(problem: Problem, rows: jax.Array, data: Epochs) -> jax.Array | None:
-    def one(row: jax.Array) -> jax.Array | None:
-        return problem.constrain(row, data).get(EXPECTED)
-
-    return jax.lax.map(one, rows)
 
 
 def _log_likelihood(

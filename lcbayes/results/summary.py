@@ -33,7 +33,8 @@ from lcbayes.modelling.constrained import reported_draws
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.likelihood import FLUX, OBSERVED, OUTLIER
 from lcbayes.modelling.nuisances import CLOCK_SD
-from lcbayes.modelling.problem import Sites, compiled
+from lcbayes.modelling.problem import compiled
+from lcbayes.modelling.recorded import Sites
 from lcbayes.modelling.variables import SPIN, label, named
 from lcbayes.results.content import (
     FitNumbers,

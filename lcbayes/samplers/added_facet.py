@@ -25,7 +25,8 @@ from numpy.typing import NDArray
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.priors import UniformDirection
-from lcbayes.modelling.problem import Problem, Sites
+from lcbayes.modelling.problem import Problem
+from lcbayes.modelling.recorded import Sites
 from lcbayes.samplers import bridge, facet_pairs
 from lcbayes.samplers.bridge import LogEvidence
 from lcbayes.samplers.facet_moves import AREAS, CELL, NORMALS, FacetMoves, Facets, Place

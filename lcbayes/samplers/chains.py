@@ -18,7 +18,8 @@ from numpyro.infer.mcmc import MCMCKernel
 
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.modelling.epochs import Epochs
-from lcbayes.modelling.problem import TRACING, Problem, Sites, compiled
+from lcbayes.modelling.problem import TRACING, Problem, compiled
+from lcbayes.modelling.recorded import Sites
 from lcbayes.samplers import kernels
 from lcbayes.samplers.kernels import alternating, metric
 from lcbayes.samplers.kernels.guided import Guided

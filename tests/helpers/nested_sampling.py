@@ -15,7 +15,8 @@ import numpy as np
 
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.modelling.epochs import Epochs
-from lcbayes.modelling.problem import Problem, Sites
+from lcbayes.modelling.problem import Problem
+from lcbayes.modelling.recorded import Sites
 from lcbayes.samplers.bridge import LogEvidence
 
 LEFT = -5.0  # ln of the share of the evidence in the live points at which a run ends

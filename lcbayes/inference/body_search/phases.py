@@ -183,10 +183,15 @@ def _epochs(arcs: Arcs, unit: float) -> Epochs:
 
 def rows(problem: Problem, data: Epochs, points: Sequence[Mapping[str, Any]]) -> jax.Array:
     """Unconstrained vectors (n, D) of sites; those that are missing are prior means."""
-    trace = problem.trace({}, data)
-    missing = {k: trace[k]["fn"].mean for k in problem.names if k not in points[0]}
+    missing = _means(problem, data, tuple(k for k in problem.names if k not in points[0]))
     every = [missing | dict(p) for p in points]
     return _raveled(problem, {k: np.array([p[k] for p in every], float) for k in problem.names})
+
+
+@partial(jax.jit, static_argnums=(0, 2))
+def _means(problem: Problem, data: Epochs, names: tuple[str, ...]) -> dict[str, jax.Array]:
+    trace = problem.trace({}, data)
+    return {k: trace[k]["fn"].mean for k in names}
 
 
 @partial(jax.jit, static_argnums=0)

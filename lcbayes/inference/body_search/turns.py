@@ -19,7 +19,7 @@ from lcbayes.inference.search import SearchState
 from lcbayes.inference.spin_search.allowed import Allowed
 from lcbayes.inference.spin_search.drift import SITE, Drift
 from lcbayes.modelling.epochs import Epochs
-from lcbayes.modelling.problem import Problem, compiled
+from lcbayes.modelling.problem import Problem, compiled, with_lit
 
 Floats = NDArray[np.float64]
 
@@ -172,7 +172,6 @@ def with_fixed_shadows(
     problem: Problem,
     data: Epochs,
     ends: SearchState,
-    held: Callable[[Floats], Epochs],
     images: Callable[[Floats], Floats],
     workers: int,
     progress: Silent,
@@ -180,8 +179,7 @@ def with_fixed_shadows(
     """The best end points for a coarser body without shadows, near optima of the posterior.
 
     ``images`` (n, D) -> (n, K, D) are equivalent without shadows, and half a turn is nearly so for
-    many bodies. ``held`` gives the epochs with the shadows of a point (D,), which are fixed while
-    it is moved, a few times.
+    many bodies. The shadows of a point are fixed while it is moved, a few times.
     """
     near = np.concatenate(images(np.asarray(ends.z)[search.different(ends, REFINED)]))
     potential = compiled(problem.potential)
@@ -192,8 +190,9 @@ def with_fixed_shadows(
     def one(z: Floats) -> SearchState:
         row = search.init(z[None])
         for _ in range(HELD):
-            start = search.init(row.z, 1e-3)
-            row = search.advance(problem, held(np.asarray(row.z[0])), start, HELD_STEPS)
+            start, lit = search.init(row.z, 1e-3), problem.lit(row.z[0], data)
+            held = data if lit is None else with_lit(data, lit.fixed)
+            row = search.advance(problem, held, start, HELD_STEPS)
             track.advance(HELD_STEPS)
         return row._replace(potential=potential(row.z[0], data)[None])
 

@@ -7,7 +7,7 @@ NumPy (`shadow_points`), where it has many.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.physics.bodies import shadow_area, shadows
 from lcbayes.physics.bodies.division import TOLERANCE
+from lcbayes.physics.bodies.lit import Lit
 from lcbayes.physics.bodies.primitives import Panels
 from lcbayes.physics.bodies.shadow_points import POINTS, Points, points_on
 from lcbayes.physics.bodies.shapes import Body
@@ -196,6 +197,19 @@ class Assembly:
             if error <= self.tolerance or 4 * count > MOST_POINTS:
                 return points, error
             points, flux, count = finer, right, 4 * count
+
+    @cached_property
+    def shading(self) -> Callable[[jax.Array, jax.Array], Lit] | None:
+        """Compiled `lit_and_seen` with its slopes, for exact shadows; None for others."""
+        if not self.groups:
+            return None
+        polygons, whose = self._receivers
+
+        @jax.jit
+        def about(sun: jax.Array, obs: jax.Array) -> Lit:
+            return shadow_area.about(self.groups, len(polygons), sun, obs).of(whose)
+
+        return about
 
     def lit_and_seen(self, sun_body: jax.Array, obs_body: jax.Array) -> jax.Array | None:
         """Fraction of each panel that is both lit and seen, (T, N); None where all are whole.

@@ -41,6 +41,7 @@ from jax.custom_derivatives import SymbolicZero
 
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.physics.bodies.intervals import Ends, Points, in_polygons, without_union
+from lcbayes.physics.bodies.lit import Lit
 from lcbayes.physics.bodies.shadows import Group
 
 # Every shadow is larger than it is by a share that differs from one to the next, so that no two
@@ -92,6 +93,19 @@ def lit_and_seen(
     for group in groups:
         fraction = fraction.at[:, group.index].set(_fractions(group)(sun_body, obs_body))
     return fraction
+
+
+def about(groups: Sequence[Group], count: int, sun_body: jax.Array, obs_body: jax.Array) -> Lit:
+    """`lit_and_seen` with its derivatives by the directions."""
+    shape = len(sun_body), count
+    fraction, by_sun, by_obs = jnp.ones(shape), jnp.zeros((*shape, 3)), jnp.zeros((*shape, 3))
+    for group in groups:
+        own = _computed(True, group, sun_body, obs_body)
+        fraction, by_sun, by_obs = (
+            x.at[:, group.index].set(y)
+            for x, y in zip((fraction, by_sun, by_obs), own, strict=True)
+        )
+    return Lit(fraction, (by_sun, by_obs, sun_body, obs_body))
 
 
 def _fractions(group: Group) -> Callable[[jax.Array, jax.Array], jax.Array]:

@@ -8,16 +8,17 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from lcbayes.core.jax_setup import jnp
+from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.core.progress import Silent
 from lcbayes.inference import search
 from lcbayes.inference.body_search import turns
 from lcbayes.inference.fit import Stages
-from lcbayes.modelling import registry
+from lcbayes.modelling import constrained, registry
 from lcbayes.modelling.epochs import Epochs
-from lcbayes.modelling.problem import Problem, compiled
+from lcbayes.modelling.problem import Problem, compiled, with_lit
 from lcbayes.models import body
 from lcbayes.physics.bodies import primitives
+from lcbayes.physics.bodies.lit import Lit
 from lcbayes.samplers.settings import Settings
 from lcbayes.simulation.known_bodies.body import Values
 from lcbayes.simulation.known_bodies.reader import read_body_text
@@ -74,21 +75,21 @@ def test_strips_with_one_shadow_are_as_good_as_single_panels(monkeypatch) -> Non
     assert 0.0 < np.abs(flux - right).max() < 1e-3 * right.max()
 
 
-def problem_and_guide(text: str):
-    """A posterior of the bar with an arm, its data, an optimum and the guide there."""
+def posterior_of_the_bar() -> tuple[Problem, Epochs, np.ndarray]:
+    """A posterior of the bar with an arm, its data, and a point."""
     entry, data = registry.find("body"), Epochs.of(curve(shaded_flux(), 30.0))
-    options = entry.check({"body": text, "clock_sd": 0.0, "rate_drift_sd": 0.0})
-    problem = Problem(entry.bind(options), data)
-    z = np.random.default_rng(2).normal(size=problem.dim)
-    return problem, data, z, body.held_shadows(problem, data, **options)
+    options = entry.check({"body": bar(shadows=True), "clock_sd": 0.0, "rate_drift_sd": 0.0})
+    problem = Problem(entry.bind(options), data, shading=body.shading(**options))
+    return problem, data, np.random.default_rng(2).normal(size=problem.dim)
 
 
-def test_the_guide_is_the_density_at_its_optimum_and_similar_nearby() -> None:
-    problem, data, z, guide = problem_and_guide(bar(shadows=True))
-    assert guide is not None
-    held = guide(z)
-    assert held.visible is not None
-    assert held.visible.shape == (T.size, 12)
+def test_fixed_shadows_are_the_density_at_their_point_and_similar_nearby() -> None:
+    problem, data, z = posterior_of_the_bar()
+    lit = problem.lit(z, data)
+    assert lit is not None
+    assert lit.fraction.shape == (T.size, 12)
+    held = with_lit(data, lit.fixed)
+    assert problem.lit(z, held) is None
     potential = compiled(problem.potential)
     assert float(potential(z, held)) == pytest.approx(float(potential(z, data)), rel=1e-12)
     step = 1e-3 * np.random.default_rng(3).normal(size=problem.dim)
@@ -97,9 +98,50 @@ def test_the_guide_is_the_density_at_its_optimum_and_similar_nearby() -> None:
     assert followed == pytest.approx(exact, rel=0.3)
 
 
+def test_shadows_computed_before_give_the_values_and_derivatives_of_those_in_the_model() -> None:
+    """The second problem has no `shading`, so that its programs contain the shadows."""
+    problem, data, z = posterior_of_the_bar()
+    alone = Problem(problem.model, data)
+    assert problem.shaded(z, data).lit is not None
+    assert alone.shaded(z, data) is data
+    for name in ("potential", "slope", "fisher", "moments", "log_tail"):
+        found, right = (
+            np.concatenate(
+                [np.ravel(x) for x in jax.tree.leaves(compiled(getattr(p, name))(z, data))]
+            )
+            for p in (problem, alone)
+        )
+        np.testing.assert_allclose(found, right, rtol=1e-9, atol=1e-9 * np.abs(right).max())
+    flat = with_lit(data, Lit(jnp.ones((T.size, 12))))
+    slopes = [np.asarray(compiled(problem.slope)(z, x)) for x in (data, flat)]
+    assert np.abs(slopes[0] - slopes[1]).max() > 0.1 * np.abs(slopes[0]).max()
+
+
+def test_shadows_of_draws_are_those_of_each() -> None:
+    problem, data, z = posterior_of_the_bar()
+    rows = z + 0.1 * np.random.default_rng(4).normal(size=(constrained.SHADED + 3, z.size))
+    found = constrained.potentials(problem, rows, data)
+    right = [float(compiled(problem.potential)(row, data)) for row in rows]
+    np.testing.assert_allclose(found, right, rtol=1e-10)
+    sites = constrained.constrain_draws(problem, rows[None], data)
+    assert "lit_and_seen" not in sites
+    one = compiled(problem.constrain)(rows[-1], data)
+    np.testing.assert_allclose(sites["omega"][0, -1], one["omega"], rtol=1e-12)
+
+
+def test_shadows_during_exposures_are_not_those_of_their_middles() -> None:
+    problem, data, z = posterior_of_the_bar()
+    long = replace(data, exposure_s=jnp.full(T.size, 3.0), has_exposure=True)
+    assert problem.shaded(z, long) is long
+    assert problem.lit_of_draws(jnp.asarray(z)[None], long) is None
+    held = with_lit(long, problem.lit(z, long))
+    exact, at_middle = (np.asarray(compiled(problem.flux_at)(z, x)) for x in (long, held))
+    assert np.abs(exact - at_middle).max() > 1e-4 * exact.max()
+
+
 def test_expected_information_is_that_of_differences() -> None:
     """The reflectances are varied while the shadows of the attitude are held."""
-    problem, data, z, _ = problem_and_guide(bar(shadows=True))
+    problem, data, z = posterior_of_the_bar()
     moments, h = compiled(problem.moments), 1e-6
     steps = h * np.eye(problem.dim)
     up, down = ([np.asarray(moments(z + s * e, data).mean) for e in steps] for s in (1, -1))
@@ -112,7 +154,7 @@ def test_expected_information_is_that_of_differences() -> None:
 def test_chains_follow_an_expansion_where_a_gradient_is_slow(monkeypatch) -> None:
     for many, name in ((500.0, "guided"), (2000.0, "nuts")):  # of 80 epochs times 12 panels
         monkeypatch.setattr(body, "MANY", many)
-        problem, data, *_ = problem_and_guide(bar(shadows=True))
+        problem, data, _ = posterior_of_the_bar()
         stages = Stages.of(
             problem,
             registry.find("body"),
@@ -131,8 +173,7 @@ def alone(z: np.ndarray) -> np.ndarray:
 
 def test_an_end_that_is_half_a_turn_away_is_put_right() -> None:
     """Without shadows, a motion half a turn away may fit nearly as well as the true one."""
-    problem, data, z, held = problem_and_guide(bar(shadows=True))
-    assert held is not None
+    problem, data, z = posterior_of_the_bar()
     sites = {k: np.asarray(v) for k, v in compiled(problem.constrain)(z, data).items()}
     unit = np.linalg.norm(sites["omega"]) / abs(sites["rate_unit"])
     middle = Rotation.from_rotvec(float(data.t_middle) * OMEGA) * Rotation.from_matrix(ATTITUDE)
@@ -144,7 +185,7 @@ def test_an_end_that_is_half_a_turn_away_is_put_right() -> None:
     start = {k: sites[k] for k in problem.names} | known | {"paint_r_diff": ALBEDO}
     row = np.asarray(problem.ravel({k: jnp.asarray(v, float) for k, v in start.items()}))
     ends = search.init(row[None])._replace(potential=compiled(problem.potential)(row, data)[None])
-    ends = turns.with_fixed_shadows(problem, data, ends, held, alone, 1, Silent())
+    ends = turns.with_fixed_shadows(problem, data, ends, alone, 1, Silent())
     best = np.asarray(ends.z)[np.argmin(ends.potential)]
     found = np.asarray(compiled(problem.constrain)(jnp.asarray(best), data)["attitude"])
     assert np.degrees(Rotation.from_matrix(found.T @ ATTITUDE).magnitude()) < 5.0
@@ -163,7 +204,7 @@ def test_attitudes_that_shadows_alone_tell_apart_are_all_tried() -> None:
     entry, data = registry.find("body"), Epochs.of(light)
     given = {"clock_sd": 0.0, "rate_drift_sd": 0.0, "period": "89-90.5s"}
     options = entry.check({"body": text, **given})
-    problem = Problem(entry.bind(options), data)
+    problem = Problem(entry.bind(options), data, shading=body.shading(**options))
     every = {o.name: o.default for o in entry.options.values()} | options
     ends, _ = body.search(problem, data, every, 2, Silent())
     found = compiled(problem.constrain)(jnp.asarray(ends.z[0]), data)
