@@ -447,7 +447,7 @@ def guide(problem, data: Epochs, **options):
         few = jax.eval_shape(parts, middle, z, data)[0].size
         number = body_expansion.FITTED * body_expansion.number_of_monomials(few)
         root = jnp.linalg.cholesky(compiled(problem.fisher)(z, data))
-        rows = np.asarray(likely_draws(jnp.asarray(z), root, number))
+        rows = likely_draws(jnp.asarray(z), root, number)
         found = over_draws(lambda _, *args: curves(middle, *args), problem, rows, data)
         return replace(data, expansion=expanded(middle, *map(jnp.asarray, found)))
 

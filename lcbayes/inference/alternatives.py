@@ -152,7 +152,8 @@ def alternatives(
         candidates += [*_lobes(own), *_further_facet(own, at_start), *_notches(own)]
         candidates += _laws(flux, own)
     candidates = [one for one in candidates if not kinds or one.name in kinds]
-    return [_in_units_of_noise(problem, z, data, one) for one in candidates if np.any(one.columns)]
+    candidates = [one for one in candidates if np.any(one.columns)]
+    return _in_units_of_noise(problem, z, data, candidates) if candidates else []
 
 
 def shadows(problem: Problem, z: Floats, data: Epochs, change: Floats | None) -> list[Alternative]:
@@ -160,14 +161,20 @@ def shadows(problem: Problem, z: Floats, data: Epochs, change: Floats | None) ->
     if change is None or not np.any(change):
         return []
     one = Alternative("shadows", "", "", change[None, None], one_sided=True)
-    return [_in_units_of_noise(problem, z, data, one)]
+    return _in_units_of_noise(problem, z, data, [one])
 
 
-def _in_units_of_noise(problem: Problem, z: Floats, data: Epochs, one: Alternative) -> Alternative:
+def _in_units_of_noise(
+    problem: Problem, z: Floats, data: Epochs, every: list[Alternative]
+) -> list[Alternative]:
     """Columns of flux as columns of the brightness over its sd, given earlier points."""
-    flat = one.columns.reshape(-1, one.columns.shape[-1])
-    changed = compiled(problem.response)(jnp.asarray(z), data, jnp.asarray(flat))
-    return replace(one, columns=np.asarray(changed).reshape(one.columns.shape))
+    flat = [one.columns.reshape(-1, one.columns.shape[-1]) for one in every]
+    changed = compiled(problem.response)(jnp.asarray(z), data, jnp.asarray(np.concatenate(flat)))
+    parts = np.split(np.asarray(changed), np.cumsum([len(rows) for rows in flat])[:-1])
+    return [
+        replace(one, columns=rows.reshape(one.columns.shape))
+        for one, rows in zip(every, parts, strict=True)
+    ]
 
 
 def _calibration(

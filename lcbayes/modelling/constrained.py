@@ -7,6 +7,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from jax.core import Tracer
 from numpy.typing import NDArray
 
 from lcbayes.core.blocks import ROWS, on_all_cores
@@ -23,24 +24,31 @@ from lcbayes.physics.bodies.lit import Lit
 Floats = NDArray[np.float64]
 
 PER_EPOCH = ("expected", FLUX, OUTLIER, SUN, OBS, LIT, RESPONSE)
-SHADED = 16  # draws in a block of a body with shadows, of which each has an array
+SHADED = 32  # draws in a block of a body with shadows, of which each has an array
 VALUES = 10_000  # epochs times draws in one batch, so that its arrays stay in the cache
 CIRCLES = {"phi": 2 * np.pi, "pole_lon_deg": 360.0}
 
 
 def over_draws(
-    program: Callable[..., Any], problem: Problem, z: Floats, data: Epochs, *others: Any
+    program: Callable[..., Any],
+    problem: Problem,
+    z: Floats | jax.Array,
+    data: Epochs,
+    *others: Any,
 ) -> Any:
     """``program(problem, rows, data, lit, *others)`` of draws (n, D), in blocks on all cores.
 
-    It must be compiled. ``lit`` is `Problem.lit_of_draws`, for `with_lit` of each row.
+    It must be compiled. ``lit`` is `Problem.lit_of_draws`, for `with_lit` of each row. While the
+    caller is traced for its shapes, it is one program.
     """
+    if isinstance(z, Tracer):
+        return program(problem, z, data, None, *others)
 
     def block(rows: Floats, *more: Any) -> Any:
         return program(problem, rows, data, problem.lit_of_draws(jnp.asarray(rows), data), *more)
 
     size = ROWS if problem.shading is None else SHADED
-    return on_all_cores(block, z, *others, size=size)
+    return on_all_cores(block, np.asarray(z), *others, size=size)
 
 
 def constrain_draws(problem: Problem, z: Floats, data: Epochs) -> dict[str, NDArray]:

@@ -257,10 +257,10 @@ class Problem:
         return data if data.has_exposure else with_lit(data, self.lit(z, data))
 
     def lit_of_draws(self, rows: jax.Array, data: Epochs) -> Lit | None:
-        """`lit` of draws (n, D) without slopes, (n, T, N); None where a program computes it."""
+        """`lit` of draws (n, D), fixed and stacked; None where a program computes it."""
         each = [] if data.has_exposure else [self.lit(row, data) for row in rows]
-        parts = [lit.fraction for lit in each if lit is not None]
-        return Lit(jnp.stack(parts)) if parts else None
+        parts = [lit.fixed for lit in each if lit is not None]
+        return jax.tree.map(lambda *x: jnp.stack(x), *parts) if parts else None
 
     def _directions(self, z: jax.Array, data: Epochs) -> tuple[jax.Array, jax.Array]:
         """Of Sun and observer in body axes, (T, 3) each."""

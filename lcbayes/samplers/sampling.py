@@ -129,10 +129,15 @@ class Sampler:
     def prepare(self, data: Epochs, timing: Timing) -> None:
         """Compile the programs of the chains for data of this shape, before there is a start."""
         dim = self.problem.dim
-        whitening = chains.Whitening(np.zeros(dim), np.eye(dim))
-        about = data if self.guide is None else jax.eval_shape(self.guide, whitening.centre)
+        whitening, about = chains.Whitening(np.zeros(dim), np.eye(dim)), data
+        if self.guide is not None:
+            shapes = jax.eval_shape(self.guide, whitening.centre)
+            about = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
         args = (whitening, data, *self._further(about))
         self._compile(jax.random.key(0), self._adapted, args, timing)
+        if self.guide is not None:
+            for epochs in (data, about):
+                compiled(self.problem.fisher)(whitening.centre, epochs)
 
     def run(
         self,

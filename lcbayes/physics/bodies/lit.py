@@ -4,52 +4,59 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from lcbayes.core.jax_setup import jax, jnp
 
 
-class Lit(NamedTuple):
-    """The fraction of each panel that no other shades and none hides, about some directions.
+class Slopes(NamedTuple):
+    """Derivatives of the fraction of each polygon at some directions.
 
     Attributes
     ----------
-    fraction : (T, N)
-    slopes : tuple or None
-        Derivatives by the directions to Sun and observer, (T, N, 3) each, and the directions
-        (T, 3) at which they are; None where the fraction is fixed.
+    by_sun, by_obs : (T, R, 3)
+    sun, obs : (T, 3)
+    """
+
+    by_sun: jax.Array
+    by_obs: jax.Array
+    sun: jax.Array
+    obs: jax.Array
+
+
+class Lit(NamedTuple):
+    """The fraction of each polygon that no solid shades and none hides, about some directions.
+
+    Attributes
+    ----------
+    fraction : (T, R)
+    polygon : (N,) int, or None
+        Of which each panel has the fraction; None if the panels are the polygons.
+    slopes : Slopes or None
+        None where the fraction is the same along all directions.
 
     Examples
     --------
     >>> along, across = jnp.array([[1.0, 0, 0]]), jnp.array([[0.0, 1, 0]])
-    >>> lit = Lit(jnp.array([[0.5]]), (jnp.array([[[0.0, 2, 0]]]), jnp.zeros((1, 1, 3)),
-    ...     along, across))
+    >>> slopes = Slopes(jnp.array([[[0.0, 2, 0]]]), jnp.zeros((1, 1, 3)), along, across)
+    >>> lit = Lit(jnp.array([[0.5]]), jnp.array([0, 0]), slopes)
     >>> lit(along + 0.1 * across, across).tolist()
-    [[0.7]]
+    [[0.7, 0.7]]
     >>> lit.fixed(along + 0.1 * across, across).tolist()
-    [[0.5]]
+    [[0.5, 0.5]]
     """
 
     fraction: jax.Array
-    slopes: tuple[jax.Array, jax.Array, jax.Array, jax.Array] | None = None
+    polygon: jax.Array | None = None
+    slopes: Slopes | None = None
 
     @property
     def fixed(self) -> Lit:
-        """The same fraction in all directions."""
-        return Lit(self.fraction)
-
-    def of(self, which: NDArray[np.integer]) -> Lit:
-        """That of some panels, each as often as it is in `which`."""
-        if self.slopes is None:
-            return Lit(self.fraction[:, which])
-        by_sun, by_obs, *at = self.slopes
-        return Lit(self.fraction[:, which], (by_sun[:, which], by_obs[:, which], at[0], at[1]))
+        """The same fraction along all directions."""
+        return self._replace(slopes=None)
 
     def __call__(self, sun: jax.Array, obs: jax.Array) -> jax.Array:
-        """The fraction (T, N) along directions (T, 3)."""
-        if self.slopes is None:
-            return self.fraction
-        by_sun, by_obs, at_sun, at_obs = self.slopes
-        change = jnp.einsum("tnj,tj->tn", by_sun, sun - at_sun)
-        return self.fraction + change + jnp.einsum("tnj,tj->tn", by_obs, obs - at_obs)
+        """The fraction of each panel (T, N) along directions (T, 3)."""
+        fraction = self.fraction
+        if (at := self.slopes) is not None:
+            fraction += jnp.einsum("trj,tj->tr", at.by_sun, sun - at.sun)
+            fraction += jnp.einsum("trj,tj->tr", at.by_obs, obs - at.obs)
+        return fraction if self.polygon is None else fraction[:, self.polygon]

@@ -207,7 +207,8 @@ class Assembly:
 
         @jax.jit
         def about(sun: jax.Array, obs: jax.Array) -> Lit:
-            return shadow_area.about(self.groups, len(polygons), sun, obs).of(whose)
+            lit = shadow_area.about(self.groups, len(polygons), sun, obs)
+            return lit._replace(polygon=jnp.asarray(whose))
 
         return about
 

@@ -41,7 +41,7 @@ from jax.custom_derivatives import SymbolicZero
 
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.physics.bodies.intervals import Ends, Points, in_polygons, without_union
-from lcbayes.physics.bodies.lit import Lit
+from lcbayes.physics.bodies.lit import Lit, Slopes
 from lcbayes.physics.bodies.shadows import Group
 
 # Every shadow is larger than it is by a share that differs from one to the next, so that no two
@@ -105,7 +105,7 @@ def about(groups: Sequence[Group], count: int, sun_body: jax.Array, obs_body: ja
             x.at[:, group.index].set(y)
             for x, y in zip((fraction, by_sun, by_obs), own, strict=True)
         )
-    return Lit(fraction, (by_sun, by_obs, sun_body, obs_body))
+    return Lit(fraction, slopes=Slopes(by_sun, by_obs, sun_body, obs_body))
 
 
 def _fractions(group: Group) -> Callable[[jax.Array, jax.Array], jax.Array]:

@@ -154,7 +154,7 @@ def test_expected_information_is_that_of_differences() -> None:
 def test_chains_follow_an_expansion_where_a_gradient_is_slow(monkeypatch) -> None:
     for many, name in ((500.0, "guided"), (2000.0, "nuts")):  # of 80 epochs times 12 panels
         monkeypatch.setattr(body, "MANY", many)
-        problem, data, _ = posterior_of_the_bar()
+        problem, data, z = posterior_of_the_bar()
         stages = Stages.of(
             problem,
             registry.find("body"),
@@ -163,7 +163,13 @@ def test_chains_follow_an_expansion_where_a_gradient_is_slow(monkeypatch) -> Non
             None,  # pyright: ignore[reportArgumentType]
             None,  # pyright: ignore[reportArgumentType]
         )
-        assert stages.sampler(problem, data).settings.sampler == name
+        sampler = stages.sampler(problem, data)
+        assert sampler.settings.sampler == name
+        if sampler.guide is not None:  # the programs of the chains are compiled before it is known
+            shapes, found = jax.eval_shape(sampler.guide, z), sampler.guide(z)
+            assert jax.tree.map(lambda x: (x.shape, x.dtype), shapes) == jax.tree.map(
+                lambda x: (x.shape, x.dtype), found
+            )
 
 
 def alone(z: np.ndarray) -> np.ndarray:
