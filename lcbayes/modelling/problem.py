@@ -41,7 +41,7 @@ from lcbayes.physics.bodies.lit import Lit
 
 Coordinates = Mapping[str, Transform] | Mapping[str | tuple[str, ...], Transform]
 
-type Shading = Callable[[jax.Array, jax.Array], Lit]
+type Shading = Callable[..., Lit]  # of the two directions, with or without slopes
 
 SUN, OBS = "sun_body", "obs_body"  # sites: directions in body axes
 LIT = "lit_and_seen"  # site: what shadows leave of each panel, which depends on these alone
@@ -258,9 +258,14 @@ class Problem:
 
     def lit_of_draws(self, rows: jax.Array, data: Epochs) -> Lit | None:
         """`lit` of draws (n, D), fixed and stacked; None where a program computes it."""
-        each = [] if data.has_exposure else [self.lit(row, data) for row in rows]
-        parts = [lit.fixed for lit in each if lit is not None]
-        return jax.tree.map(lambda *x: jnp.stack(x), *parts) if parts else None
+        given = data.lit is not None or data.expansion is not None
+        if self.shading is None or given or data.has_exposure:
+            return None
+        sun, obs = _rows_directions(self, rows, data)
+        lit = self.shading(sun.reshape(-1, 3), obs.reshape(-1, 3), slopes=False)
+        fraction = lit.fraction.reshape(*sun.shape[:2], -1)
+        polygon = lit.polygon
+        return Lit(fraction, polygon if polygon is None else jnp.tile(polygon, (len(rows), 1)))
 
     def _directions(self, z: jax.Array, data: Epochs) -> tuple[jax.Array, jax.Array]:
         """Of Sun and observer in body axes, (T, 3) each."""
@@ -479,6 +484,11 @@ def compiled(method: Callable[..., Any]) -> Callable[..., Any]:
         return _call(function, problem, z, problem.shaded(z, data), *args)
 
     return call
+
+
+@partial(jax.jit, static_argnums=0)
+def _rows_directions(problem: Problem, rows: jax.Array, data: Epochs):
+    return jax.lax.map(lambda row: problem._directions(row, data), rows)
 
 
 def with_lit(data: Epochs, lit: Lit | None) -> Epochs:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Literal
 
 import numpy as np
@@ -199,15 +199,15 @@ class Assembly:
             points, flux, count = finer, right, 4 * count
 
     @cached_property
-    def shading(self) -> Callable[[jax.Array, jax.Array], Lit] | None:
-        """Compiled `lit_and_seen` with its slopes, for exact shadows; None for others."""
+    def shading(self) -> Callable[..., Lit] | None:
+        """Compiled `shadow_area.about` for exact shadows; None for others."""
         if not self.groups:
             return None
         polygons, whose = self._receivers
 
-        @jax.jit
-        def about(sun: jax.Array, obs: jax.Array) -> Lit:
-            lit = shadow_area.about(self.groups, len(polygons), sun, obs)
+        @partial(jax.jit, static_argnames="slopes")
+        def about(sun: jax.Array, obs: jax.Array, *, slopes: bool = True) -> Lit:
+            lit = shadow_area.about(self.groups, len(polygons), sun, obs, slopes=slopes)
             return lit._replace(polygon=jnp.asarray(whose))
 
         return about

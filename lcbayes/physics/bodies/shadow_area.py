@@ -95,8 +95,17 @@ def lit_and_seen(
     return fraction
 
 
-def about(groups: Sequence[Group], count: int, sun_body: jax.Array, obs_body: jax.Array) -> Lit:
-    """`lit_and_seen` with its derivatives by the directions."""
+def about(
+    groups: Sequence[Group],
+    count: int,
+    sun_body: jax.Array,
+    obs_body: jax.Array,
+    *,
+    slopes: bool = True,
+) -> Lit:
+    """`lit_and_seen` about the directions, to first order or fixed."""
+    if not slopes:
+        return Lit(lit_and_seen(groups, count, sun_body, obs_body))
     shape = len(sun_body), count
     fraction, by_sun, by_obs = jnp.ones(shape), jnp.zeros((*shape, 3)), jnp.zeros((*shape, 3))
     for group in groups:

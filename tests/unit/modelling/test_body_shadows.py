@@ -158,7 +158,7 @@ def test_chains_follow_an_expansion_where_a_gradient_is_slow(monkeypatch) -> Non
         stages = Stages.of(
             problem,
             registry.find("body"),
-            {"body": bar(shadows=True)},
+            {"body": bar(shadows=True), "clock_sd": 0.0, "rate_drift_sd": 0.0},
             Settings(),
             None,  # pyright: ignore[reportArgumentType]
             None,  # pyright: ignore[reportArgumentType]
