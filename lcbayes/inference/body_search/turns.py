@@ -32,6 +32,7 @@ PHASE_SD = 0.02  # rad, below which a phase is not trusted
 ROUNDS = ((1.0, 12, 0.3), (1.0, 25, 0.4), (1.0, 150, 1.0))
 SAME = 1e-6  # relative difference of the potential below which a body looks the same
 HELD, HELD_STEPS = 4, 20  # times that shadows are moved, and steps after each
+FAR = 200.0  # nats above the best, beyond which a point is not moved again
 REFINED = 12  # end points to which they are added
 
 
@@ -179,7 +180,8 @@ def with_fixed_shadows(
     """The best end points for a coarser body without shadows, near optima of the posterior.
 
     ``images`` (n, D) -> (n, K, D) are equivalent without shadows, and half a turn is nearly so for
-    many bodies. The shadows of a point are fixed while it is moved, a few times.
+    many bodies. The shadows of a point are fixed while it is moved, a few times, unless the point
+    is then far above the best.
     """
     near = np.concatenate(images(np.asarray(ends.z)[search.different(ends, REFINED)]))
     potential = compiled(problem.potential)
@@ -187,18 +189,22 @@ def with_fixed_shadows(
     before, after = (np.array([float(potential(z, data)) for z in x]) for x in (near, half))
     near = np.concatenate([near, half[np.abs(after - before) > SAME * np.abs(before)]])
 
-    def one(z: Floats) -> SearchState:
-        row = search.init(z[None])
-        for _ in range(HELD):
+    def moved(row: SearchState) -> SearchState:
+        if row.potential[0] <= best + FAR:
             start, lit = search.init(row.z, 1e-3), problem.lit(row.z[0], data)
             held = data if lit is None else with_lit(data, lit.fixed)
             row = search.advance(problem, held, start, HELD_STEPS)
-            track.advance(HELD_STEPS)
-        return row._replace(potential=potential(row.z[0], data)[None])
+            row = row._replace(potential=potential(row.z[0], data)[None])
+        track.advance(HELD_STEPS)
+        return row
 
-    total = len(near) * HELD * HELD_STEPS
+    state = [search.init(z[None]) for z in near]
+    total = len(state) * HELD * HELD_STEPS
     with progress.stage("adding shadows", total, "steps") as track, threads(workers) as pool:
-        return search.joined(*pool.map(one, near))
+        for _ in range(HELD):
+            best = float(np.nanmin([row.potential[0] for row in state]))
+            state = list(pool.map(moved, state))
+    return search.joined(*state)
 
 
 def _half_turned(problem: Problem, data: Epochs, z: Floats) -> dict[str, Any]:
