@@ -275,17 +275,16 @@ class Stages:
                 problems, data, options, settings.num_starts, key, workers, progress, checkpoint
             )
             return ends, repeats.starts, repeats
-        complete = None
-        if not spins and not settings.num_starts:
-            facets = complete_search if applies(problem, data, options) else None
-            complete = entry.hook("search") or facets
+        facets = complete_search if applies(problem, data, options) else None
+        random = spins or settings.num_starts
+        complete = None if random else entry.hook("search") or facets
         stored = checkpoint.load(name)
         if complete is not None:
-            if stored is not None:
-                coverage = Coverage.restored(stored)
-                return search.SearchState(**stored), len(stored["z"]), coverage
-            ends, coverage = complete(problem, data, options, workers, progress, checkpoint)
-            checkpoint.save(name, ends._asdict() | coverage.stored())
+            if stored is None:
+                ends, coverage = complete(problem, data, options, workers, progress, checkpoint)
+                checkpoint.save(name, ends._asdict() | coverage.stored())
+            else:
+                coverage, ends = Coverage.restored(stored), search.SearchState(**stored)
             return ends, len(ends.z), coverage
         starts = _starts(entry, self.options, problem, data, key, settings.num_starts)
         if spins:
@@ -333,10 +332,9 @@ class Stages:
             return
         with suppress(Exception):  # whatever fails will fail again where the message is seen
             if self.simpler(data) is not self.plain:  # else the search compiles these
-                nowhere = jnp.zeros(self.plain.dim)
                 for method in (self.plain.potential, self.plain.slope, self.plain.fisher):
                     if not stopped.is_set():
-                        compiled(method)(nowhere, data)
+                        compiled(method)(jnp.zeros(self.plain.dim), data)
             if not stopped.is_set():
                 self.sampler(problem, data).prepare(data, self.timing)
 

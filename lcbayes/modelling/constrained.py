@@ -24,7 +24,7 @@ from lcbayes.physics.bodies.lit import Lit
 Floats = NDArray[np.float64]
 
 PER_EPOCH = ("expected", FLUX, OUTLIER, SUN, OBS, LIT, RESPONSE)
-SHADED = 32  # draws in a block of a body with shadows, of which each has an array
+SHADED = 1_000_000  # polygons times epochs in a block of draws of a body with shadows
 VALUES = 10_000  # epochs times draws in one batch, so that its arrays stay in the cache
 CIRCLES = {"phi": 2 * np.pi, "pole_lon_deg": 360.0}
 
@@ -38,17 +38,36 @@ def over_draws(
 ) -> Any:
     """``program(problem, rows, data, lit, *others)`` of draws (n, D), in blocks on all cores.
 
-    It must be compiled. ``lit`` is `Problem.lit_of_draws`, for `with_lit` of each row. While the
-    caller is traced for its shapes, it is one program.
+    It must be compiled. ``lit`` is `lit_of_draws`, for `with_lit` of each row. While the caller is
+    traced for its shapes, it is one program.
     """
     if isinstance(z, Tracer):
         return program(problem, z, data, None, *others)
 
     def block(rows: Floats, *more: Any) -> Any:
-        return program(problem, rows, data, problem.lit_of_draws(jnp.asarray(rows), data), *more)
+        return program(problem, rows, data, lit_of_draws(problem, jnp.asarray(rows), data), *more)
 
-    size = ROWS if problem.shading is None else SHADED
+    size = ROWS
+    if problem.shading is not None:
+        size = int(np.clip(SHADED // (data.t.size * problem.shading.polygons), 1, 32))
     return on_all_cores(block, np.asarray(z), *others, size=size)
+
+
+def lit_of_draws(problem: Problem, rows: jax.Array, data: Epochs) -> Lit | None:
+    """`Problem.lit` of draws (n, D), fixed and stacked; None where a program computes it."""
+    given = data.lit is not None or data.expansion is not None
+    if problem.shading is None or given or data.has_exposure:
+        return None
+    sun, obs = _directions(problem, rows, data)
+    lit = problem.shading.about(sun.reshape(-1, 3), obs.reshape(-1, 3), slopes=False)
+    fraction = lit.fraction.reshape(*sun.shape[:2], -1)
+    polygon = lit.polygon
+    return Lit(fraction, polygon if polygon is None else jnp.tile(polygon, (len(rows), 1)))
+
+
+@partial(jax.jit, static_argnums=0)
+def _directions(problem: Problem, rows: jax.Array, data: Epochs) -> tuple[jax.Array, jax.Array]:
+    return jax.lax.map(lambda row: problem.directions(row, data), rows)
 
 
 def constrain_draws(problem: Problem, z: Floats, data: Epochs) -> dict[str, NDArray]:

@@ -37,11 +37,10 @@ from lcbayes.modelling.recorded import (
     weights_of,
 )
 from lcbayes.modelling.sites import reaching, sites_and_supports, zeros
-from lcbayes.physics.bodies.lit import Lit
+from lcbayes.physics.bodies.lit import Lit, Shading
 
 Coordinates = Mapping[str, Transform] | Mapping[str | tuple[str, ...], Transform]
 
-type Shading = Callable[..., Lit]  # of the two directions, with or without slopes
 
 SUN, OBS = "sun_body", "obs_body"  # sites: directions in body axes
 LIT = "lit_and_seen"  # site: what shadows leave of each panel, which depends on these alone
@@ -82,9 +81,8 @@ class Problem:
         Transforms from unconstrained to constrained values of the named sites, in place of those
         of NumPyro, such that the posterior is easier to sample. A tuple names several sites of one
         number each, which a transform of vectors moves together.
-    shading : callable, optional
-        Compiled function of directions to Sun and observer in body axes, (T, 3) each, that gives
-        what shadows leave of each panel about them, if the model takes that from the epochs.
+    shading : Shading, optional
+        How shadows are computed, if the model takes what they leave from the epochs.
 
     Raises
     ------
@@ -246,7 +244,7 @@ class Problem:
         """What shadows leave of each panel at z, with its slopes; None if they are not computed."""
         if self.shading is None or data.lit is not None or data.expansion is not None:
             return None
-        return self.shading(*_call(Problem._directions, self, z, data))
+        return self.shading.about(*_call(Problem.directions, self, z, data))
 
     def shaded(self, z: jax.Array | NDArray[np.float64], data: Epochs) -> Epochs:
         """Epochs with which a program of z has the same value and derivative, without shadows.
@@ -256,18 +254,7 @@ class Problem:
         """
         return data if data.has_exposure else with_lit(data, self.lit(z, data))
 
-    def lit_of_draws(self, rows: jax.Array, data: Epochs) -> Lit | None:
-        """`lit` of draws (n, D), fixed and stacked; None where a program computes it."""
-        given = data.lit is not None or data.expansion is not None
-        if self.shading is None or given or data.has_exposure:
-            return None
-        sun, obs = _rows_directions(self, rows, data)
-        lit = self.shading(sun.reshape(-1, 3), obs.reshape(-1, 3), slopes=False)
-        fraction = lit.fraction.reshape(*sun.shape[:2], -1)
-        polygon = lit.polygon
-        return Lit(fraction, polygon if polygon is None else jnp.tile(polygon, (len(rows), 1)))
-
-    def _directions(self, z: jax.Array, data: Epochs) -> tuple[jax.Array, jax.Array]:
+    def directions(self, z: jax.Array, data: Epochs) -> tuple[jax.Array, jax.Array]:
         """Of Sun and observer in body axes, (T, 3) each."""
         trace, _ = self._trace(z, data)
         return trace[SUN]["value"], trace[OBS]["value"]
@@ -484,11 +471,6 @@ def compiled(method: Callable[..., Any]) -> Callable[..., Any]:
         return _call(function, problem, z, problem.shaded(z, data), *args)
 
     return call
-
-
-@partial(jax.jit, static_argnums=0)
-def _rows_directions(problem: Problem, rows: jax.Array, data: Epochs):
-    return jax.lax.map(lambda row: problem._directions(row, data), rows)
 
 
 def with_lit(data: Epochs, lit: Lit | None) -> Epochs:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 from lcbayes.core.jax_setup import jax, jnp
@@ -60,3 +61,19 @@ class Lit(NamedTuple):
             fraction += jnp.einsum("trj,tj->tr", at.by_sun, sun - at.sun)
             fraction += jnp.einsum("trj,tj->tr", at.by_obs, obs - at.obs)
         return fraction if self.polygon is None else fraction[:, self.polygon]
+
+
+class Shading(NamedTuple):
+    """How the shadows of a body are computed.
+
+    Attributes
+    ----------
+    about : callable
+        Compiled function of directions to Sun and observer, (T, 3) each, body axes, that gives
+        `Lit` about them; fixed with ``slopes=False``.
+    polygons : int
+        R of the result.
+    """
+
+    about: Callable[..., Lit]
+    polygons: int

@@ -7,7 +7,7 @@ NumPy (`shadow_points`), where it has many.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Literal
@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.physics.bodies import shadow_area, shadows
 from lcbayes.physics.bodies.division import TOLERANCE
-from lcbayes.physics.bodies.lit import Lit
+from lcbayes.physics.bodies.lit import Lit, Shading
 from lcbayes.physics.bodies.primitives import Panels
 from lcbayes.physics.bodies.shadow_points import POINTS, Points, points_on
 from lcbayes.physics.bodies.shapes import Body
@@ -199,8 +199,8 @@ class Assembly:
             points, flux, count = finer, right, 4 * count
 
     @cached_property
-    def shading(self) -> Callable[..., Lit] | None:
-        """Compiled `shadow_area.about` for exact shadows; None for others."""
+    def shading(self) -> Shading | None:
+        """How exact shadows are computed; None for others."""
         if not self.groups:
             return None
         polygons, whose = self._receivers
@@ -210,7 +210,7 @@ class Assembly:
             lit = shadow_area.about(self.groups, len(polygons), sun, obs, slopes=slopes)
             return lit._replace(polygon=jnp.asarray(whose))
 
-        return about
+        return Shading(about, len(polygons))
 
     def lit_and_seen(self, sun_body: jax.Array, obs_body: jax.Array) -> jax.Array | None:
         """Fraction of each panel that is both lit and seen, (T, N); None where all are whole.

@@ -119,7 +119,7 @@ def test_shadows_computed_before_give_the_values_and_derivatives_of_those_in_the
 
 def test_shadows_of_draws_are_those_of_each() -> None:
     problem, data, z = posterior_of_the_bar()
-    rows = z + 0.1 * np.random.default_rng(4).normal(size=(constrained.SHADED + 3, z.size))
+    rows = z + 0.1 * np.random.default_rng(4).normal(size=(35, z.size))
     found = constrained.potentials(problem, rows, data)
     right = [float(compiled(problem.potential)(row, data)) for row in rows]
     np.testing.assert_allclose(found, right, rtol=1e-10)
@@ -133,7 +133,7 @@ def test_shadows_during_exposures_are_not_those_of_their_middles() -> None:
     problem, data, z = posterior_of_the_bar()
     long = replace(data, exposure_s=jnp.full(T.size, 3.0), has_exposure=True)
     assert problem.shaded(z, long) is long
-    assert problem.lit_of_draws(jnp.asarray(z)[None], long) is None
+    assert constrained.lit_of_draws(problem, jnp.asarray(z)[None], long) is None
     held = with_lit(long, problem.lit(z, long))
     exact, at_middle = (np.asarray(compiled(problem.flux_at)(z, x)) for x in (long, held))
     assert np.abs(exact - at_middle).max() > 1e-4 * exact.max()
