@@ -54,9 +54,10 @@ def over_draws(
 
 
 def lit_of_draws(problem: Problem, rows: jax.Array, data: Epochs) -> Lit | None:
-    """`Problem.lit` of draws (n, D), fixed and stacked; None where a program computes it."""
-    given = data.lit is not None or data.expansion is not None
-    if problem.shading is None or given or data.has_exposure:
+    """`lit_at` of draws (n, D), fixed and stacked; None where a program computes it."""
+    if problem.shading is None or data.lit is not None or data.expansion is not None:
+        return None
+    if data.has_exposure:
         return None
     sun, obs = _directions(problem, rows, data)
     lit = problem.shading.about(sun.reshape(-1, 3), obs.reshape(-1, 3), slopes=False)

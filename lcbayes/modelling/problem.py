@@ -41,7 +41,6 @@ from lcbayes.physics.bodies.lit import Lit, Shading
 
 Coordinates = Mapping[str, Transform] | Mapping[str | tuple[str, ...], Transform]
 
-
 SUN, OBS = "sun_body", "obs_body"  # sites: directions in body axes
 LIT = "lit_and_seen"  # site: what shadows leave of each panel, which depends on these alone
 
@@ -239,20 +238,6 @@ class Problem:
     def moments(self, z: jax.Array | Sites, data: Epochs) -> Moments:
         """Centre and width of the likelihood; z is flat or a dict of unconstrained sites."""
         return moments_of(self._trace(z, data)[0][OBSERVED])
-
-    def lit(self, z: jax.Array | NDArray[np.float64], data: Epochs) -> Lit | None:
-        """What shadows leave of each panel at z, with its slopes; None if they are not computed."""
-        if self.shading is None or data.lit is not None or data.expansion is not None:
-            return None
-        return self.shading.about(*_call(Problem.directions, self, z, data))
-
-    def shaded(self, z: jax.Array | NDArray[np.float64], data: Epochs) -> Epochs:
-        """Epochs with which a program of z has the same value and derivative, without shadows.
-
-        A program with shadows takes ten seconds to compile, and a fit has dozens of programs.
-        Those of an exposure are at several times, and remain in the program.
-        """
-        return data if data.has_exposure else with_lit(data, self.lit(z, data))
 
     def directions(self, z: jax.Array, data: Epochs) -> tuple[jax.Array, jax.Array]:
         """Of Sun and observer in body axes, (T, 3) each."""
@@ -462,15 +447,33 @@ def compiled(method: Callable[..., Any]) -> Callable[..., Any]:
     """A compiled method of a problem, shared by all light curves of the same structure.
 
     In contrast, `jax.jit(problem.method)` would compile a new program at each call. Shadows are
-    computed before, by the same program for all methods; see `Problem.shaded`.
+    computed before, by the same program for all methods; see `shaded`.
     """
     owner: Any = method
     function, problem = owner.__func__, owner.__self__
 
     def call(z: jax.Array, data: Epochs, *args: Any) -> Any:
-        return _call(function, problem, z, problem.shaded(z, data), *args)
+        return _call(function, problem, z, shaded(problem, z, data), *args)
 
     return call
+
+
+def lit_at(problem: Problem, z: jax.Array | NDArray[np.float64], data: Epochs) -> Lit | None:
+    """What shadows leave of each panel at z, with its slopes; None if they are not computed."""
+    if problem.shading is None or data.lit is not None or data.expansion is not None:
+        return None
+    return problem.shading.about(*_call(Problem.directions, problem, z, data))
+
+
+def shaded(problem: Problem, z: jax.Array | NDArray[np.float64], data: Epochs) -> Epochs:
+    """Epochs with which a program of z has the same value and derivative, without shadows.
+
+    A program with shadows takes ten seconds to compile, and a fit has dozens of programs. Those of
+    an exposure are at several times, and remain in the program.
+    """
+    if problem.shading is None or data.has_exposure:
+        return data
+    return with_lit(data, lit_at(problem, z, data))
 
 
 def with_lit(data: Epochs, lit: Lit | None) -> Epochs:

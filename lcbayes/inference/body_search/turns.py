@@ -19,7 +19,7 @@ from lcbayes.inference.search import SearchState
 from lcbayes.inference.spin_search.allowed import Allowed
 from lcbayes.inference.spin_search.drift import SITE, Drift
 from lcbayes.modelling.epochs import Epochs
-from lcbayes.modelling.problem import Problem, compiled, with_lit
+from lcbayes.modelling.problem import Problem, compiled, lit_at, with_lit
 
 Floats = NDArray[np.float64]
 
@@ -191,7 +191,7 @@ def with_fixed_shadows(
 
     def moved(row: SearchState) -> SearchState:
         if row.potential[0] <= best + FAR:
-            start, lit = search.init(row.z, 1e-3), problem.lit(row.z[0], data)
+            start, lit = search.init(row.z, 1e-3), lit_at(problem, row.z[0], data)
             held = data if lit is None else with_lit(data, lit.fixed)
             row = search.advance(problem, held, start, HELD_STEPS)
             row = row._replace(potential=potential(row.z[0], data)[None])

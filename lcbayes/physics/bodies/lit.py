@@ -58,8 +58,8 @@ class Lit(NamedTuple):
         """The fraction of each panel (T, N) along directions (T, 3)."""
         fraction = self.fraction
         if (at := self.slopes) is not None:
-            fraction += jnp.einsum("trj,tj->tr", at.by_sun, sun - at.sun)
-            fraction += jnp.einsum("trj,tj->tr", at.by_obs, obs - at.obs)
+            fraction = fraction + jnp.einsum("trj,tj->tr", at.by_sun, sun - at.sun)
+            fraction = fraction + jnp.einsum("trj,tj->tr", at.by_obs, obs - at.obs)
         return fraction if self.polygon is None else fraction[:, self.polygon]
 
 

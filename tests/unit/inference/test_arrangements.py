@@ -46,6 +46,7 @@ class TwoRotations:
     """A density of two Gaussians; z = ω (3), normals (9), ln areas (3)."""
 
     dim: int = 3 + 4 * N
+    shading: None = None
 
     def unravel(self, z):
         return {

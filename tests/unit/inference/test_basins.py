@@ -28,6 +28,7 @@ class Mixture:
     """−ln of Z Σ_k w_k N(σ z; body_k, SD²), the mean over all orders σ of the facets."""
 
     dim = FACETS * COORDINATES
+    shading = None
 
     def unravel(self, z):
         return {"facet": jnp.reshape(z, (FACETS, COORDINATES))}

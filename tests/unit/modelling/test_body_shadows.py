@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from lcbayes.inference.body_search import turns
 from lcbayes.inference.fit import Stages
 from lcbayes.modelling import constrained, registry
 from lcbayes.modelling.epochs import Epochs
-from lcbayes.modelling.problem import Problem, compiled, with_lit
+from lcbayes.modelling.problem import Problem, compiled, lit_at, shaded, with_lit
 from lcbayes.models import body
 from lcbayes.physics.bodies import primitives
 from lcbayes.physics.bodies.lit import Lit
@@ -85,11 +86,11 @@ def posterior_of_the_bar() -> tuple[Problem, Epochs, np.ndarray]:
 
 def test_fixed_shadows_are_the_density_at_their_point_and_similar_nearby() -> None:
     problem, data, z = posterior_of_the_bar()
-    lit = problem.lit(z, data)
+    lit = lit_at(problem, z, data)
     assert lit is not None
     assert lit.fraction.shape == (T.size, 12)
     held = with_lit(data, lit.fixed)
-    assert problem.lit(z, held) is None
+    assert lit_at(problem, z, held) is None
     potential = compiled(problem.potential)
     assert float(potential(z, held)) == pytest.approx(float(potential(z, data)), rel=1e-12)
     step = 1e-3 * np.random.default_rng(3).normal(size=problem.dim)
@@ -102,8 +103,8 @@ def test_shadows_computed_before_give_the_values_and_derivatives_of_those_in_the
     """The second problem has no `shading`, so that its programs contain the shadows."""
     problem, data, z = posterior_of_the_bar()
     alone = Problem(problem.model, data)
-    assert problem.shaded(z, data).lit is not None
-    assert alone.shaded(z, data) is data
+    assert shaded(problem, z, data).lit is not None
+    assert shaded(alone, z, data) is data
     for name in ("potential", "slope", "fisher", "moments", "log_tail"):
         found, right = (
             np.concatenate(
@@ -132,9 +133,9 @@ def test_shadows_of_draws_are_those_of_each() -> None:
 def test_shadows_during_exposures_are_not_those_of_their_middles() -> None:
     problem, data, z = posterior_of_the_bar()
     long = replace(data, exposure_s=jnp.full(T.size, 3.0), has_exposure=True)
-    assert problem.shaded(z, long) is long
+    assert shaded(problem, z, long) is long
     assert constrained.lit_of_draws(problem, jnp.asarray(z)[None], long) is None
-    held = with_lit(long, problem.lit(z, long))
+    held = with_lit(long, lit_at(problem, z, long))
     exact, at_middle = (np.asarray(compiled(problem.flux_at)(z, x)) for x in (long, held))
     assert np.abs(exact - at_middle).max() > 1e-4 * exact.max()
 
@@ -177,8 +178,16 @@ def alone(z: np.ndarray) -> np.ndarray:
     return z[:, None]
 
 
-def test_an_end_that_is_half_a_turn_away_is_put_right() -> None:
+def test_an_end_that_is_half_a_turn_away_is_put_right(monkeypatch) -> None:
     """Without shadows, a motion half a turn away may fit nearly as well as the true one."""
+    moved: list[object] = []
+
+    def counted(*args: Any) -> search.SearchState:
+        moved.append(args)
+        return advance(*args)
+
+    advance = search.advance
+    monkeypatch.setattr(search, "advance", counted)
     problem, data, z = posterior_of_the_bar()
     sites = {k: np.asarray(v) for k, v in compiled(problem.constrain)(z, data).items()}
     unit = np.linalg.norm(sites["omega"]) / abs(sites["rate_unit"])
@@ -192,6 +201,7 @@ def test_an_end_that_is_half_a_turn_away_is_put_right() -> None:
     row = np.asarray(problem.ravel({k: jnp.asarray(v, float) for k, v in start.items()}))
     ends = search.init(row[None])._replace(potential=compiled(problem.potential)(row, data)[None])
     ends = turns.with_fixed_shadows(problem, data, ends, alone, 1, Silent())
+    assert len(moved) == turns.HELD + 1  # the other, far above, once
     best = np.asarray(ends.z)[np.argmin(ends.potential)]
     found = np.asarray(compiled(problem.constrain)(jnp.asarray(best), data)["attitude"])
     assert np.degrees(Rotation.from_matrix(found.T @ ATTITUDE).magnitude()) < 5.0
