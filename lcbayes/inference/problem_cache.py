@@ -7,7 +7,6 @@ number of groups give problems that differ only in the arguments of the compiled
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
 from typing import Any
 
 from lcbayes.core.jax_setup import jax
@@ -46,9 +45,9 @@ def build_problem(
                 return problems
         shading = entry.hook("shading")
         shading = None if shading is None else shading(**options)
-        make = partial(Problem, entry.bind(options), data, shading=shading)
-        plain = make()
-        problems = plain, plain if own is None else make(own)
+        model = entry.bind(options)
+        plain = Problem(model, data, None, shading)
+        problems = plain, plain if own is None else Problem(model, data, own, shading)
         if len(_kept) >= MAX_STRUCTURES:
             forget()
         _kept.append((key, problems))
