@@ -33,6 +33,7 @@ from lcbayes.modelling.problem import (
     Coordinates,
     Problem,
     compiled,
+    shaded,
     with_lit,
 )
 from lcbayes.modelling.spin_coordinates import rate_and_direction
@@ -284,8 +285,8 @@ def shadows_left_out(
     if options.get("shadows", True) and file.body.assembly.shaded:
         return None
     sizes = {key: float(length) for key, length in _lengths(draws[0], file).items()}
-    shaded = with_shadows(options["body"], sizes)
-    if shaded.assembly.method == "none":
+    full = with_shadows(options["body"], sizes)
+    if full.assembly.method == "none":
         return None
 
     @jax.jit
@@ -295,7 +296,7 @@ def shadows_left_out(
 
         def taken(t: jax.Array) -> jax.Array:
             seen = turned(t)
-            lit = (shaded.flux(*seen, values, every) for every in (True, False))
+            lit = (full.flux(*seen, values, every) for every in (True, False))
             return sites.get("size", 1.0) * (next(lit) - next(lit))
 
         exposed = photometry.exposed(taken, epochs.exposure_s) if epochs.has_exposure else taken
@@ -360,9 +361,9 @@ def search(problem, data: Epochs, options, workers: int, progress, checkpoint=No
     if not data.calibrated:
         loose["scale_sd"] = cells.CALIBRATED_SD
     bare = replace(known, assembly=replace(known.assembly, shaded=False))
-    shaded = options["shadows"] and known.assembly.method != "none"
+    any_shadows = options["shadows"] and known.assembly.method != "none"
     blind = symmetry.axis is None and bare.symmetry.axis is not None
-    exact = shaded and (known.assembly.shadow_cost < SLOW_SHADOWS or blind)
+    exact = any_shadows and (known.assembly.shadow_cost < SLOW_SHADOWS or blind)
     rough = {"shadows": False, "tolerance": tolerance}
     simple = Problem(partial(model, **loose | rough), apart.soft)
     # Without shadows, attitudes may be equivalent that are not so with them.
@@ -443,12 +444,13 @@ def guide(problem, data: Epochs, **options):
     expanded = jax.jit(body_expansion.BodyExpansion.of)
 
     def at(z: np.ndarray) -> Epochs:
-        middle = attitude(compiled(problem.constrain)(jnp.asarray(z), data), data)
-        few = jax.eval_shape(parts, middle, z, data)[0].size
+        here = shaded(problem, z, data)
+        middle = attitude(compiled(problem.constrain)(jnp.asarray(z), here), data)
+        few = jax.eval_shape(parts, middle, z, here)[0].size
         number = body_expansion.FITTED * body_expansion.number_of_monomials(few)
-        root = jnp.linalg.cholesky(compiled(problem.fisher)(z, data))
+        root = jnp.linalg.cholesky(compiled(problem.fisher)(z, here))
         rows = likely_draws(jnp.asarray(z), root, number)
-        found = over_draws(lambda _, *args: curves(middle, *args), problem, rows, data)
+        found = over_draws(partial(curves, middle), problem, rows, data)
         return replace(data, expansion=expanded(middle, *map(jnp.asarray, found)))
 
     return at

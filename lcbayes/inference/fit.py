@@ -276,8 +276,7 @@ class Stages:
             )
             return ends, repeats.starts, repeats
         facets = complete_search if applies(problem, data, options) else None
-        random = spins or settings.num_starts
-        complete = None if random else entry.hook("search") or facets
+        complete = None if spins or settings.num_starts else entry.hook("search") or facets
         stored = checkpoint.load(name)
         if complete is not None:
             if stored is None:

@@ -25,7 +25,7 @@ from lcbayes.data.segments import APPARITION, PASS, split
 from lcbayes.inference.alternatives import Alternative, alternatives, names_of
 from lcbayes.inference.correlation import autocorrelation
 from lcbayes.modelling.epochs import Epochs
-from lcbayes.modelling.problem import Problem, compiled
+from lcbayes.modelling.problem import Problem, compiled, shaded
 
 Floats = NDArray[np.float64]
 
@@ -154,8 +154,9 @@ def residuals(problem: Problem, z: Floats, data: Epochs) -> Floats:
 
     For Gaussian noise they are (y − m)/σ.
     """
-    tails = np.asarray(compiled(problem.log_tail)(jnp.asarray(z), data))
-    mean = np.asarray(compiled(problem.moments)(jnp.asarray(z), data).mean)
+    here = shaded(problem, z, data)
+    tails = np.asarray(compiled(problem.log_tail)(jnp.asarray(z), here))
+    mean = np.asarray(compiled(problem.moments)(jnp.asarray(z), here).mean)
     return np.sign(np.asarray(data.brightness) - mean) * -ndtri_exp(tails)
 
 

@@ -15,7 +15,7 @@ from lcbayes.inference.label_switching import FacetOrder
 from lcbayes.inference.search import SearchState
 from lcbayes.modelling import nuisances, zero_points
 from lcbayes.modelling.epochs import Epochs
-from lcbayes.modelling.problem import Problem, compiled
+from lcbayes.modelling.problem import Problem, compiled, shaded
 
 Floats = NDArray[np.float64]
 
@@ -70,9 +70,10 @@ def distinct(
         else:
             if len(found) >= most:
                 continue
-            metrics.append(np.asarray(fisher(jnp.asarray(z), data)))
+            here = shaded(problem, z, data)
+            metrics.append(np.asarray(fisher(jnp.asarray(z), here)))
             evidence = _laplace(potential, metrics[-1])
-            mean = compiled(problem.moments)(jnp.asarray(z), data.without_passes()).mean
+            mean = compiled(problem.moments)(jnp.asarray(z), here.without_passes()).mean
             found.append(Solution(z, float(potential), evidence, _rms(data, mean, unit), 1))
     return found
 
@@ -154,8 +155,9 @@ def rms(problem: Problem, z: Floats, data: Epochs) -> float:
     It is in magnitudes for magnitudes, and relative to a curve's mean brightness for fluxes.
     Offsets of passes are not subtracted.
     """
-    mean = compiled(problem.moments)(jnp.asarray(z), data.without_passes()).mean
-    sites = compiled(problem.constrain)(jnp.asarray(z), data)
+    here = shaded(problem, z, data)
+    mean = compiled(problem.moments)(jnp.asarray(z), here.without_passes()).mean
+    sites = compiled(problem.constrain)(jnp.asarray(z), here)
     at_mean = nuisances.jointly(sites, lambda name: np.zeros(sites[name].shape))
     zero_point = at_mean.zero_point
     if zero_point is not None:
@@ -195,10 +197,11 @@ def optimum(
 
     def model(position: Floats) -> Quadratic:
         where = jnp.asarray(at(position))
+        here = shaded(problem, where, data)
         return Quadratic(
-            float(compiled(problem.potential)(where, data)),
-            np.asarray(compiled(problem.slope)(where, data))[free],
-            np.asarray(compiled(problem.fisher)(where, data))[np.ix_(free, free)],
+            float(compiled(problem.potential)(where, here)),
+            np.asarray(compiled(problem.slope)(where, here))[free],
+            np.asarray(compiled(problem.fisher)(where, here))[np.ix_(free, free)],
         )
 
     end = levenberg_marquardt(

@@ -36,16 +36,16 @@ def over_draws(
     data: Epochs,
     *others: Any,
 ) -> Any:
-    """``program(problem, rows, data, lit, *others)`` of draws (n, D), in blocks on all cores.
+    """``program(rows, data, lit, *others)`` of draws (n, D), in blocks on all cores.
 
     It must be compiled. ``lit`` is `lit_of_draws`, for `with_lit` of each row. While the caller is
     traced for its shapes, it is one program.
     """
     if isinstance(z, Tracer):
-        return program(problem, z, data, None, *others)
+        return program(z, data, None, *others)
 
     def block(rows: Floats, *more: Any) -> Any:
-        return program(problem, rows, data, lit_of_draws(problem, jnp.asarray(rows), data), *more)
+        return program(rows, data, lit_of_draws(problem, jnp.asarray(rows), data), *more)
 
     size = ROWS
     if problem.shading is not None:
@@ -62,8 +62,7 @@ def lit_of_draws(problem: Problem, rows: jax.Array, data: Epochs) -> Lit | None:
     sun, obs = _directions(problem, rows, data)
     lit = problem.shading.about(sun.reshape(-1, 3), obs.reshape(-1, 3), slopes=False)
     fraction = lit.fraction.reshape(*sun.shape[:2], -1)
-    polygon = lit.polygon
-    return Lit(fraction, polygon if polygon is None else jnp.tile(polygon, (len(rows), 1)))
+    return Lit(fraction, jax.tree.map(lambda x: jnp.tile(x, (len(rows), 1)), lit.polygon))
 
 
 @partial(jax.jit, static_argnums=0)
@@ -74,7 +73,7 @@ def _directions(problem: Problem, rows: jax.Array, data: Epochs) -> tuple[jax.Ar
 def constrain_draws(problem: Problem, z: Floats, data: Epochs) -> dict[str, NDArray]:
     """Every site at draws z (C, S, D), except sites with one value per epoch."""
     flat = z.reshape(-1, z.shape[-1])
-    sites = over_draws(_constrained, problem, flat, data)
+    sites = over_draws(partial(_constrained, problem), problem, flat, data)
     return {k: v.reshape(*z.shape[:2], *v.shape[1:]) for k, v in sites.items()}
 
 
@@ -85,7 +84,7 @@ def without_epochs(sites: Sites) -> Sites:
 
 def potentials(problem: Problem, z: Floats, data: Epochs) -> Floats:
     """−ln p(y, z) for rows (n, D), as (n,)."""
-    return over_draws(_potentials, problem, z, data)
+    return over_draws(partial(_potentials, problem), problem, z, data)
 
 
 def reported_draws(draws: Mapping[str, NDArray]) -> dict[str, Floats]:

@@ -307,7 +307,7 @@ def _recorded(
     likelihood and one replicate of the data. They share the brightness, which is slow to compute.
     """
     keys = jax.random.split(key, z.shape[0] * z.shape[1])
-    found = over_draws(_predicted, problem, z.reshape(-1, z.shape[2]), data, keys)
+    found = over_draws(partial(_predicted, problem), problem, z.reshape(-1, z.shape[2]), data, keys)
     return jax.tree.map(lambda x: x.reshape(*z.shape[:2], *x.shape[1:]), found)
 
 

@@ -133,11 +133,10 @@ class Sampler:
         if self.guide is not None:
             shapes = jax.eval_shape(self.guide, whitening.centre)
             about = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
-        args = (whitening, data, *self._further(about))
-        self._compile(jax.random.key(0), self._adapted, args, timing)
-        if self.guide is not None:
             for epochs in (data, about):
                 compiled(self.problem.fisher)(whitening.centre, epochs)
+        args = (whitening, data, *self._further(about))
+        self._compile(jax.random.key(0), self._adapted, args, timing)
 
     def run(
         self,

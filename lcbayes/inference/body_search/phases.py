@@ -190,6 +190,7 @@ def rows(problem: Problem, data: Epochs, points: Sequence[Mapping[str, Any]]) ->
 
 @partial(jax.jit, static_argnums=(0, 2))
 def _means(problem: Problem, data: Epochs, names: tuple[str, ...]) -> dict[str, jax.Array]:
+    """Prior means of some sites."""
     trace = problem.trace({}, data)
     return {k: trace[k]["fn"].mean for k in names}
 
