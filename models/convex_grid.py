@@ -7,17 +7,9 @@ import numpy as np
 import numpyro
 import numpyro.distributions as dist
 from jax.scipy.linalg import solve_triangular
-from numpyro.distributions import constraints
-from numpyro.distributions.transforms import (
-    AffineTransform,
-    ComposeTransform,
-    ExpTransform,
-    SoftplusTransform,
-)
 
-from lcbayes.core.constants import HOUR_S
 from lcbayes.core.jax_setup import jax, jnp
-from lcbayes.modelling import likelihood, priors, zero_points
+from lcbayes.modelling import asteroids, likelihood, zero_points
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.expansion import Expansion, likely_draws
 from lcbayes.modelling.moments import MomentCoordinates
@@ -28,8 +20,7 @@ from lcbayes.physics.attitude import rotations
 from lcbayes.physics.bodies import facets
 
 SUMMARY = "smooth convex body on a grid of normals, principal-axis spin: pole, period, shape"
-LAW = "lommel-seeliger-lambert"
-SPHERE = 8.0  # Σα of a sphere with flux 1 at zero phase angle and c = 0: ∫ μ/2 dΩ = π/2
+RIVAL = "contact-binary"
 CLOSURE_SD = 0.01
 MOMENT_DEGREE = 4  # highest degree of the moments that the data constrain; see `coordinates`
 LIKELY = 400  # draws about a solution
@@ -37,16 +28,6 @@ MANY = 500_000  # epochs × normals, from which on chains follow an expansion
 # For the search. With an unknown roughness, a body that begins smooth stays smooth, and its misfit
 # becomes noise: relief is cheap only once there is some.
 COARSER = {"n_quadrature": 300, "roughness": 2.4}
-LOG_LAMBERT = (np.log(0.1), 0.5)
-MIN_LAMBERT = 0.03
-LINEAR_LAMBERT = ComposeTransform(  # x to ln c: c ≈ x above the minimum, exponential in x below
-    [
-        AffineTransform(0.0, 1.0 / MIN_LAMBERT),
-        SoftplusTransform(),
-        AffineTransform(0.0, MIN_LAMBERT, domain=constraints.positive),
-        ExpTransform().inv,
-    ]
-)
 
 
 @lru_cache
@@ -116,37 +97,28 @@ def model(
     Kaasalainen, Torppa & Muinonen 2001, Icarus 153, 37 (spin, shape series, scattering law).
     """
     normals, harmonics, log_weights = grid(n_quadrature, degree)
-    pole = priors.directions("pole", 1)[0]
-    priors.pole_angles(pole)
-    shift = jnp.asarray(numpyro.sample("period_shift", dist.Normal(0.0, 1.0)))
-    period_s = _period_s(data, period, shift)
-    numpyro.deterministic("period_h", period_s / HOUR_S)
-
+    pole, shift, period_s = asteroids.spin(data, period)
     shape = EllipsoidWithRelief(degree, roughness)
     coefficients = jnp.asarray(numpyro.sample("coefficients", shape))
     numpyro.deterministic("roughness", shape.roughness(coefficients))
     share = jax.nn.softmax(harmonics @ coefficients + log_weights)
     numpyro.sample("closure", dist.Normal(share @ normals, CLOSURE_SD).to_event(1), obs=np.zeros(3))
-    lambert = jnp.exp(numpyro.sample("log_lambert_c", dist.Normal(*LOG_LAMBERT)))
-    numpyro.deterministic("lambert_c", lambert)
-    size = calibration(data, lambert) if data.calibrated else 1.0
-    surface = phase_law(data) if n_phase_laws(data) else 1.0
+    lambert = asteroids.lambert()
+    size = asteroids.calibration(data, lambert) if data.calibrated else 1.0
+    surface = asteroids.phase_law(data) if asteroids.n_phase_laws(data) else 1.0
     _, coarse, log_coarse = grid(n_facets, degree)
     reported = jax.nn.softmax(coarse @ coefficients + log_coarse)
-    numpyro.deterministic("albedo_area", SPHERE * size * reported)
+    numpyro.deterministic("albedo_area", asteroids.SPHERE * size * reported)
 
     if isinstance(data.expansion, Expansion):
-        flux = data.expansion(_motion(pole, shift, data.expansion.axes), SPHERE * share, lambert)
+        flux = data.expansion(
+            _motion(pole, shift, data.expansion.axes), asteroids.SPHERE * share, lambert
+        )
     else:
-        flux = _light(data, normals, pole, period_s, SPHERE * share, lambert)
+        flux = _light(data, normals, pole, period_s, asteroids.SPHERE * share, lambert)
     zero_point = zero_points.Prior(zero_point_sd)
     flux = surface * size * flux
     likelihood.observe(data, flux, noise_law, scatter, False, zero_point, correlated_noise)
-
-
-def _period_s(data: Epochs, period: float, shift: jax.Array) -> jax.Array:
-    period_s = period * HOUR_S
-    return period_s + shift * period_s**2 / (2.0 * data.t_span)
 
 
 def _light(data: Epochs, normals, pole, period_s, area, lambert) -> jax.Array:
@@ -156,7 +128,7 @@ def _light(data: Epochs, normals, pole, period_s, area, lambert) -> jax.Array:
     def instantaneous(t):
         rotation = rotations.spinning(t - data.t_middle, tilt, period_s)
         sun, obs = rotations.to_body(rotation, data.sun), rotations.to_body(rotation, data.obs)
-        return brightness.flux(sun, obs, n, area, LAW, lambert, single_slopes=True)
+        return brightness.flux(sun, obs, n, area, asteroids.LAW, lambert, single_slopes=True)
 
     mean = photometry.exposed(instantaneous, data.exposure_s)
     return (mean if data.has_exposure else instantaneous)(data.t)
@@ -190,20 +162,20 @@ def guide(
 
     @jax.jit
     def about(z: jax.Array, information: jax.Array, epochs: Epochs) -> Epochs:
-        axes = rotations.brought_to(_pole(problem.constrain(z, epochs)))
+        axes = rotations.brought_to(asteroids.pole_of(problem.constrain(z, epochs)))
 
         def parts(z: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
             sites = problem.constrain(z, epochs)
             share = jax.nn.softmax(harmonics @ sites["coefficients"] + log_weights)
-            motion = _motion(_pole(sites), sites["period_shift"], axes)
-            return motion, SPHERE * share, sites["lambert_c"]
+            motion = _motion(asteroids.pole_of(sites), sites["period_shift"], axes)
+            return motion, asteroids.SPHERE * share, sites["lambert_c"]
 
         def light(motion: jax.Array, area: jax.Array, lambert: jax.Array) -> jax.Array:
             x, y, shift = motion
             pole = axes @ jnp.stack([x, y, jnp.ones(())])
             pole = pole / jnp.linalg.norm(pole)
-            period_s = _period_s(epochs, period, shift)
-            return _light(epochs, normals, pole, period_s, area, lambert)
+            length = asteroids.period_s(epochs, period, shift)
+            return _light(epochs, normals, pole, length, area, lambert)
 
         root = jnp.linalg.cholesky(information)
         along = solve_triangular(root, jax.jacrev(lambda z: parts(z)[0])(z).T, lower=True)
@@ -218,76 +190,15 @@ def guide(
     return lambda z: about(jnp.asarray(z), compiled(problem.fisher)(z, data), data)
 
 
-def _pole(sites) -> jax.Array:
-    base = sites["pole_base"][0]
-    return base / jnp.linalg.norm(base)
+def shapes(data: Epochs, *, degree: int = 6, **options):  # noqa: ARG001
+    """A sphere."""
+    return [asteroids.light(data) | {"coefficients": jnp.zeros((degree + 1) ** 2 - 1)}]
 
 
-def typical(data: Epochs) -> jax.Array:
-    """Mean flux of the calibrated points, at unit distance and irradiance."""
-    known = ~jnp.asarray(data.free_scale)[data.curve]
-    linear = data.brightness
-    if data.kind == "mag":
-        linear = 10.0 ** (-0.4 * (linear - data.zero_point))
-    return jnp.sum(jnp.where(known, linear / data.dilution, 0.0)) / jnp.sum(known)
-
-
-def calibration(data: Epochs, lambert: jax.Array) -> jax.Array:
-    """Σα/8 of the body, which only calibrated curves constrain.
-
-    The data constrain F = Σα (1/8 + c/6) much better than Σα or c. With Σα as a coordinate, the
-    posterior would be a narrow curved ridge in Σα and c, on which chains move slowly.
-    """
-    flux = jnp.exp(numpyro.sample("log_sphere_flux", dist.Normal(jnp.log(typical(data)), 1.0)))
-    return flux / (1.0 + 4.0 * lambert / 3.0)
-
-
-def n_phase_laws(data: Epochs) -> int:
-    """Phase laws M of a light curve: one for all calibrated curves, one for each in `phased`."""
-    return int(data.calibrated) + len(data.phased)
-
-
-def phase_law(data: Epochs) -> jax.Array:
-    """S of each epoch (T,), which only curves constrain that cover a range of phase angles.
-
-    The parameters are vectors if there are several laws: of the calibrated curves, if there are
-    any, then of the relative ones with a law of their own, most points first. All other curves
-    have the first law.
-    """
-    count = n_phase_laws(data)
-    each = (count,) if count > 1 else ()
-    a = jnp.exp(numpyro.sample("log_phase_a", dist.Normal(np.log(0.5), 0.5).expand(each)))
-    d = jnp.exp(numpyro.sample("log_phase_d", dist.Normal(np.log(0.1), 0.5).expand(each)))
-    k = jnp.asarray(numpyro.sample("phase_k", dist.Normal(-0.5, 0.3).expand(each)))
-    numpyro.deterministic("phase_a", a)
-    numpyro.deterministic("phase_d", d)
-    if each:
-        law = np.zeros(data.n_members + 1, int)
-        law[list(data.phased)] = np.arange(count - len(data.phased), count)
-        a, d, k = (x[jnp.asarray(law)[data.member]] for x in (a, d, k))
-    return photometry.phase_law(data.phase_angle, a, d, k)
-
-
-def starts(data: Epochs, key, *, degree: int = 6, **options):  # noqa: ARG001
+def starts(data: Epochs, key, **options):  # noqa: ARG001
     """Spheres with poles over the whole sky and periods within the prior."""
-    sphere = {
-        "coefficients": jnp.zeros((degree + 1) ** 2 - 1),
-        "log_lambert_c": jnp.log(0.1),
-        "log_level": jnp.zeros(sum(data.free_scale)),
-        "log_sigma": jnp.log(0.03),
-        "noise_unit": jnp.zeros(len(data.free_scale)),
-    }
-    if data.calibrated:
-        sphere |= {"log_sphere_flux": jnp.log(typical(data))}
-    if count := n_phase_laws(data):
-        each = jnp.ones(count if count > 1 else ())
-        sphere |= {"log_phase_a": jnp.log(0.5) * each, "log_phase_d": jnp.log(0.1) * each}
-        sphere |= {"phase_k": -0.5 * each}
-    return [
-        sphere | {"pole_base": jnp.asarray(pole)[None], "period_shift": jnp.array(shift)}
-        for pole in facets.grid(12)
-        for shift in (-1.0, -0.5, 0.0, 0.5, 1.0)
-    ]
+    (sphere,) = shapes(data, **options)
+    return [sphere | spin for spin in asteroids.spins()]
 
 
 def coordinates(data: Epochs, *, n_quadrature: int = 600, degree: int = 6, **options):  # noqa: ARG001
@@ -304,7 +215,7 @@ def coordinates(data: Epochs, *, n_quadrature: int = 600, degree: int = 6, **opt
     low = min(degree, MOMENT_DEGREE)
     return {
         "coefficients": MomentCoordinates(harmonics, (low + 1) ** 2 - 1, log_weights),
-        "log_lambert_c": LINEAR_LAMBERT,
+        "log_lambert_c": asteroids.LINEAR_LAMBERT,
     }
 
 

@@ -287,7 +287,7 @@ class Stages:
             return ends, len(ends.z), coverage
         starts = _starts(entry, self.options, problem, data, key, settings.num_starts)
         if spins:
-            starts = placed(spins, starts, problem, data, options)
+            starts = placed(spins, starts, problem, data, options, entry.hook("shapes"))
         if stored is not None:
             return search.SearchState(**stored), len(starts), None
         informed = entry.hook("starts") is not None or spins

@@ -72,7 +72,7 @@ def distinct(
                 continue
             here = shaded(problem, z, data)
             metrics.append(np.asarray(fisher(jnp.asarray(z), here)))
-            evidence = _laplace(potential, metrics[-1])
+            evidence = laplace(potential, metrics[-1])
             mean = compiled(problem.moments)(jnp.asarray(z), here.without_passes()).mean
             found.append(Solution(z, float(potential), evidence, _rms(data, mean, unit), 1))
     return found
@@ -112,7 +112,7 @@ def polished(problem: Problem, data: Epochs, found: list[Solution], workers: int
     moved = []
     for solution, z, potential in zip(found, state.z, state.potential, strict=True):
         metric = np.asarray(fisher(jnp.asarray(z), data))
-        evidence = _laplace(potential, metric)
+        evidence = laplace(potential, metric)
         moved.append(replace(solution, z=z, potential=float(potential), log_evidence=evidence))
     return moved
 
@@ -176,7 +176,7 @@ def optimise_held(
     for solution in found:
         z, potential = optimum(problem, data, solution.z, free)
         metric = np.asarray(compiled(problem.fisher)(jnp.asarray(z), data))
-        evidence = _laplace(potential, metric)
+        evidence = laplace(potential, metric)
         moved.append(replace(solution, z=z, potential=potential, log_evidence=evidence))
     return moved
 
@@ -225,7 +225,7 @@ def select_for_sampling(problem: Problem, data: Epochs, found: list[Solution]) -
     return sorted(kept, key=lambda s: -s.log_evidence)
 
 
-def _laplace(potential: float, metric: Floats) -> float:
+def laplace(potential: float, metric: Floats) -> float:
     """ln ∫ exp(−U) in the Gaussian (Laplace) approximation."""
     half_log_det = 0.5 * np.linalg.slogdet(metric)[1]
     return float(-potential - half_log_det + 0.5 * len(metric) * np.log(2 * np.pi))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -14,6 +14,7 @@ from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.geometry.spherical import unit_vector
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
+from lcbayes.modelling.recorded import Sites
 
 POLE, SHIFT, SHAPE, OMEGA = "pole_base", "period_shift", "coefficients", "omega_unit"
 
@@ -24,12 +25,14 @@ def placed(
     problem: Problem,
     data: Epochs,
     options: Mapping[str, Any],
+    shapes_of: Callable[..., Sequence[Sites]] | None = None,
 ) -> jax.Array:
-    """Unconstrained starts (B, D) of a search, moved to the spins of a scan in turn.
+    """Unconstrained starts (B, D) of a search, moved to the spins of a scan.
 
-    Poles and periods (or angular velocities) are replaced by those of the spins; all other
-    parameters are unchanged. A body of harmonics starts twice from each spin: with the shape of the
-    original start and with the shape from the scan.
+    Each of the model's shapes, if it has a hook ``shapes``, starts from each spin; a body of
+    harmonics starts with the shape from the scan too, which come first. Without the hook, the
+    starts take the spins in turn, and poles and periods (or angular velocities) are replaced by
+    those of the spins; all other parameters are unchanged.
 
     Parameters
     ----------
@@ -39,29 +42,46 @@ def placed(
     names = set(problem.names)
     if not ({POLE, SHIFT} <= names or OMEGA in names):
         raise InputError(
-            "--start-from goes with models that spin freely: faceted, body, convex-grid"
+            "--start-from goes with models that spin freely: faceted, body, convex-grid, "
+            "contact-binary"
         )
-    sites = _constrained(problem, starts, data)
-    sites = {k: np.array(sites[k]) for k in problem.names}
-    count = len(starts) if SHAPE not in names else 2 * len(spins)
-    sites = {k: np.resize(v, (count, *v.shape[1:])) for k, v in sites.items()}
-    which = [spins[i % len(spins)] for i in range(count)]
     if OMEGA in names:
-        omega = np.array([[s[f"omega_{axis}_rad_s"] for axis in "xyz"] for s in which])
-        sites[OMEGA] = omega / float(options["omega_sd"])
+        every = [_omega(spin, float(options["omega_sd"])) for spin in spins]
     else:
-        lon, lat = np.radians([[s["pole_lon_deg"], s["pole_lat_deg"]] for s in which]).T
-        pole = unit_vector(lon, lat)
-        sites[POLE] = pole.reshape(sites[POLE].shape)
-        period = np.array([s["period_h"] for s in which])
-        given = float(options["period"])
-        sites[SHIFT] = (period - given) * 2.0 * float(data.t_span) / (HOUR_S * given**2)
-        for i, s in enumerate(which[: len(spins)]):
-            shape = np.asarray(s.get("coefficients", ()), float)
-            size = min(len(shape), len(sites[SHAPE][i]))
-            sites[SHAPE][i, :size] = shape[:size]
-    rows = [problem.ravel({k: jnp.asarray(v[i]) for k, v in sites.items()}) for i in range(count)]
-    return jnp.stack(rows)
+        every = [spin_sites(spin, data, float(options["period"])) for spin in spins]
+    if shapes_of is not None:
+        shapes = shapes_of(data, **options)
+        rows = [
+            {**shapes[0], **sites, SHAPE: _shape(shapes[0][SHAPE], spin["coefficients"])}
+            for sites, spin in zip(every, spins, strict=True)
+            if SHAPE in names and "coefficients" in spin
+        ]
+        rows += [{**shape, **sites} for sites in every for shape in shapes]
+    else:
+        sites = _constrained(problem, starts, data)
+        rows = [
+            {**{k: sites[k][i] for k in problem.names}, **every[i % len(every)]}
+            for i in range(len(starts))
+        ]
+    return jnp.stack([problem.ravel(row) for row in rows])
+
+
+def spin_sites(spin: Mapping[str, Any], data: Epochs, period: float) -> Sites:
+    """The sites of a pole (``pole_lon_deg``, ``pole_lat_deg``) and a sidereal period
+    (``period_h``), of a model with a given ``period`` in h."""
+    lon, lat = np.radians([spin["pole_lon_deg"], spin["pole_lat_deg"]])
+    shift = (spin["period_h"] - period) * 2.0 * float(data.t_span) / (HOUR_S * period**2)
+    return {POLE: jnp.asarray(unit_vector(lon, lat))[None], SHIFT: jnp.asarray(shift)}
+
+
+def _omega(spin: Mapping[str, Any], sd: float) -> Sites:
+    return {OMEGA: jnp.array([spin[f"omega_{axis}_rad_s"] for axis in "xyz"]) / sd}
+
+
+def _shape(sphere: jax.Array, coefficients: Sequence[float]) -> jax.Array:
+    """Coefficients of a scan, of another degree, for those of the model."""
+    size = min(len(coefficients), len(sphere))
+    return sphere.at[:size].set(jnp.asarray(coefficients[:size]))
 
 
 @partial(jax.jit, static_argnums=0)

@@ -42,7 +42,7 @@ class ModelOptions(Options):
         above=0.0,
         parse=period,
         metavar="P",
-        help="sidereal period with its unit: 23.7s, 23.70+-0.02s, 20-30s; for convex-grid a "
+        help="sidereal period with its unit: 23.7s, 23.70+-0.02s, 20-30s; for asteroids a "
         "number alone too (hours)",
     )
     pole: tuple[float, float, float] | None = option(

@@ -33,25 +33,26 @@ type Rotation = Callable[..., tuple[jax.Array, ...]]
 
 
 class UniformDirection(dist.Distribution):
-    """Directions uniform on the sphere, represented by a vector of length near one.
+    """Directions uniform on the sphere or circle, represented by a vector of length near one.
 
-    log p(b) = −(|b| − 1)²/(2ρ²) − 2 log|b| + const with ρ = 0.1. The direction b/|b| is exactly
-    uniform for any ρ. Angles have boundaries (φ wraps at 2π and g ends at ±1), at which a sampler
-    gets stuck; b has no boundary. With a free radius (a Gaussian b), the tangential scale would
-    vary by a factor of ten between draws; ρ = 0.1 keeps it within 10 %.
+    log p(b) = −(|b| − 1)²/(2ρ²) − (d − 1) log|b| + const with ρ = 0.1 for b of d components, 3 or
+    2. The direction b/|b| is exactly uniform for any ρ. Angles have boundaries (φ wraps at 2π and g
+    ends at ±1), at which a sampler gets stuck; b has no boundary. With a free radius (a Gaussian
+    b), the tangential scale would vary by a factor of ten between draws; ρ = 0.1 keeps it within
+    10 %.
     """
 
     support = constraints.real_vector  # pyright: ignore[reportAssignmentType]
     pytree_data_fields = ()
 
-    def __init__(self, n: int, *, validate_args: bool | None = None) -> None:
-        super().__init__(batch_shape=(n,), event_shape=(3,), validate_args=validate_args)
+    def __init__(self, n: int, size: int = 3, *, validate_args: bool | None = None) -> None:
+        super().__init__(batch_shape=(n,), event_shape=(size,), validate_args=validate_args)
 
     def sample(self, key: jax.Array, sample_shape: tuple[int, ...] = ()) -> jax.Array:
         assert is_prng_key(key)
         key_direction, key_radius = jax.random.split(key)
         shape = sample_shape + self.batch_shape
-        u = jax.random.normal(key_direction, (*shape, 3))
+        u = jax.random.normal(key_direction, shape + self.event_shape)
         radius = 1.0 + RADIUS_SD * jax.random.truncated_normal(
             key_radius, -1.0 / RADIUS_SD, jnp.inf, shape
         )
@@ -60,17 +61,20 @@ class UniformDirection(dist.Distribution):
     @validate_sample
     def log_prob(self, value: jax.Array) -> jax.Array:
         radius = jnp.sqrt(jnp.sum(value**2, axis=-1) + 1e-30)
-        log_norm = jnp.log(4 * jnp.pi) + 0.5 * jnp.log(2 * jnp.pi) + jnp.log(RADIUS_SD)
-        return -0.5 * ((radius - 1.0) / RADIUS_SD) ** 2 - 2.0 * jnp.log(radius) - log_norm
+        size = self.event_shape[0]
+        surface = {2: 2.0 * jnp.pi, 3: 4.0 * jnp.pi}[size]
+        log_norm = jnp.log(surface) + 0.5 * jnp.log(2 * jnp.pi) + jnp.log(RADIUS_SD)
+        return -0.5 * ((radius - 1.0) / RADIUS_SD) ** 2 - (size - 1) * jnp.log(radius) - log_norm
 
     def precision(self, value: jax.Array) -> jax.Array:
-        """Precision (3n, 3n): 1/ρ² radially, 3/r² (inverse variance of a uniform direction) across.
+        """Precision (dn, dn): 1/ρ² radially, d/r² (inverse variance of a uniform direction) across.
 
         The curvature of −log p is not used, because it does not measure the tangential width.
         """
         square = jnp.sum(value**2, axis=-1)[:, None, None] + 1e-30
         along = value[:, :, None] * value[:, None, :] / square
-        blocks = along / RADIUS_SD**2 + (jnp.eye(3) - along) * 3.0 / square
+        size = self.event_shape[0]
+        blocks = along / RADIUS_SD**2 + (jnp.eye(size) - along) * size / square
         return jax.scipy.linalg.block_diag(*blocks)
 
 
@@ -81,6 +85,12 @@ def directions(name: str, n: int) -> jax.Array:
     """
     base = jnp.asarray(numpyro.sample(f"{name}_base", UniformDirection(n)))
     return base / jnp.linalg.norm(base, axis=-1, keepdims=True)
+
+
+def angle(name: str) -> jax.Array:
+    """An angle uniform on the circle, rad in (−π, π]; the sampled site is ``name_base``."""
+    base = jnp.asarray(numpyro.sample(f"{name}_base", UniformDirection(1, 2)))[0]
+    return jnp.arctan2(base[1], base[0])
 
 
 def normals(n_facets: int, start: jax.Array | None = None) -> jax.Array:

@@ -33,6 +33,12 @@ model is shown to the user. The report recognises standard site names (``albedo_
 ``COARSER``
     Values of options, unless they are given, with which the model costs less and is less exact,
     for the search.
+``RIVAL``
+    Name of a built-in model that is fitted for comparison, from the spins that were found. Both
+    have the sites ``pole_base`` and ``period_shift`` of `modelling.asteroids.spin`, and the rival
+    has ``shapes``.
+``shapes(data, **options)``
+    Values of all sampled sites but those two, from which a search starts at a known spin.
 ``coordinates(data, **options)``
     Transforms {site: Transform} to coordinates in which the posterior is easier to sample; a tuple
     of sites has one together.
@@ -79,7 +85,7 @@ from lcbayes.core.text import closest
 from lcbayes.modelling.options import function_name
 
 PERIOD = "period"  # of models that take a number of hours: also text with a unit
-BUILT_IN = ("faceted", "faceted-brdf", "convex-grid", "stabilised", "body")
+BUILT_IN = ("faceted", "faceted-brdf", "convex-grid", "contact-binary", "stabilised", "body")
 
 
 @dataclass(frozen=True)
@@ -114,6 +120,11 @@ class Entry:
     @property
     def facet_sites(self) -> tuple[str, ...]:
         return tuple(getattr(self.module, "FACET_SITES", ()))
+
+    @property
+    def rival(self) -> str:
+        """Name of the model that is fitted for comparison, if there is one."""
+        return getattr(self.module, "RIVAL", "")
 
     @property
     def pooled(self) -> dict[str, Any]:

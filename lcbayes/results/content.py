@@ -162,6 +162,12 @@ class LatePasses(TypedDict, total=False):
     late_pass_instead: list[dict[str, Any]]  # `inference.late_pass.LatePass`
 
 
+class Rivals(TypedDict, total=False):
+    """Another body that was fitted for comparison."""
+
+    rival: dict[str, Any]  # `results.rivals.content_of`
+
+
 class FitTiming(TypedDict):
     """Seconds of each stage, and the number of gradients."""
 
@@ -172,7 +178,7 @@ class FitTiming(TypedDict):
     gradients: int
 
 
-class FitNumbers(Outliers, LatePasses):
+class FitNumbers(Outliers, LatePasses, Rivals):
     """Numbers of a fit; ``parameters`` are those of the heaviest solution."""
 
     model: str

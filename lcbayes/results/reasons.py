@@ -60,6 +60,9 @@ SENTENCES = {
     "times are certain",
     "curve-appears-late": "the residuals say that {late}; that moves {what} by {shift:.2g} "
     "standard deviations: correct these times, or leave the curve out",
+    "another-body": "a {body} explains the data about as well or better (ln evidence "
+    "{log_odds:+.1f}) with another spin, {motion}: averaged over both bodies, the {nominal:.0f} % "
+    "interval of {what} holds {percent:.0f} %; fit it with --model {model}",
     "shadows-left-out": "the parts of the body shade one another, and the fit leaves that out: "
     "their shadows take {percent:.2g} % of the light, which moves {what} by {shift:.2g} standard "
     "deviations; set shadows = true in the body's file, where lengths of parts must be numbers",

@@ -25,6 +25,7 @@ from lcbayes.inference.fit import Posterior
 from lcbayes.inference.goodness_of_fit import Misfit
 from lcbayes.inference.late_pass import instead_of_drift
 from lcbayes.inference.modes import MAX_LEFT_OUT, Mode
+from lcbayes.inference.rival import Rival
 from lcbayes.inference.solutions import optimum
 from lcbayes.inference.spin_search.cells import Coverage
 from lcbayes.inference.spin_solutions import largest_share
@@ -36,6 +37,7 @@ from lcbayes.modelling.nuisances import CLOCK_SD
 from lcbayes.modelling.problem import compiled
 from lcbayes.modelling.recorded import Sites
 from lcbayes.modelling.variables import SPIN, label, named
+from lcbayes.results import rivals
 from lcbayes.results.content import (
     FitNumbers,
     FitQuality,
@@ -68,11 +70,6 @@ SURE_SE = 0.5  # nats; weights with smaller errors are not doubted
 MAX_APART = 1.05  # R-hat between independent runs
 MAX_SHIFT = 0.5  # sd, by what is left out; 90 % intervals still hold 86 %
 SHADOW_DRAWS = 3  # draws at which these are computed, besides the optimum
-OF_ASTEROID = {
-    "period_h": "the period",
-    "pole_lon_deg": "the longitude of the pole",
-    "pole_lat_deg": "the latitude of the pole",
-}  # its spin, in words
 LIKELY = 0.5  # probability above which a point counts as an outlier
 
 
@@ -110,11 +107,12 @@ def summarise(
     identity: Mapping[str, Any],
     seed: int,
     shadows_of: ShadowsOf | None = None,
+    rival: Rival | None = None,
 ) -> tuple[FitNumbers, list[Reason]]:
     """The content of ``summary.json`` besides the verdict, and the reasons against the result.
 
     ``tree`` is the content of ``posterior.nc``. ``shadows_of`` is `shadows_left_out` of the model;
-    see `modelling.registry`.
+    see `modelling.registry`. ``rival`` is another body that was fitted for comparison.
     """
     drawn = [
         {str(k): v.values for k, v in tree[f"modes/{i}/posterior"].data_vars.items()}
@@ -133,6 +131,7 @@ def summarise(
         *_ignored(at_optimum, moved),
         *_late_curve(misfit, moved, curve),
         *_drift_or_late(late, drawn[0], misfit),
+        *rivals.findings(rival),
     ]
     if identity["settings"]["sampler"] == PUBLISHED:
         findings.insert(0, Finding("published-sampler"))
@@ -154,6 +153,7 @@ def summarise(
             for fault, shift in moved.by_fault.items()
         },
         **late,
+        **rivals.content_of(rival),
         **_outliers(tree, curve),
         "timing": cast("FitTiming", asdict(posterior.timing)),
         "n_starts": posterior.n_starts,
@@ -281,10 +281,10 @@ def _late_curve(misfit: Misfit, moved: robustness.Shifts, curve: LightCurve) -> 
     if not misfit.explained or cause is None or cause.name != LATE_CURVE:
         return
     shift = moved.by_curve[curve.dated_titles.index(cause.version)] * abs(cause.amount)
-    spin = [i for i, name in enumerate(moved.quantities) if name in OF_ASTEROID]
+    spin = [i for i, name in enumerate(moved.quantities) if name in rivals.WORDS]
     if spin and shift[spin].max() > MAX_SHIFT:
         most = spin[int(np.argmax(shift[spin]))]
-        values = {"shift": float(shift[most]), "what": OF_ASTEROID[moved.quantities[most]]}
+        values = {"shift": float(shift[most]), "what": rivals.WORDS[moved.quantities[most]]}
         yield Finding("curve-appears-late", {"late": in_words(cause), **values})
 
 

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 R = TypeVar("R")
 MAX_PERIODS = 50.0  # longest period relative to the duration of the light curve
+ASTEROIDS = ("convex-grid", "contact-binary")  # models with a period in hours
 CURVE = "curve"  # name of the first parameter of tasks that take a light curve
 # what a task writes: TEXT goes to standard output, results of SOURCE stay in the source's folder
 FOLDER, REQUIRED_FOLDER, FILE, SOURCE, TEXT = "folder", "required", "file", "source", "text"
@@ -184,7 +185,7 @@ def _check_period(options: Options, curve: LightCurve) -> None:
     """Refuse periods, in hours, during which the light curve covers only a small part of a turn."""
     from lcbayes.core.constants import HOUR_S
 
-    if getattr(options, "model", "convex-grid") != "convex-grid":
+    if getattr(options, "model", ASTEROIDS[0]) not in ASTEROIDS:
         return  # other models take a period with its unit
     span_s = float(curve.t.max() - curve.t.min())
     for name in ("period", "period_range"):

@@ -17,6 +17,7 @@ from tests.helpers import small_curves
 LIGHT = small_curves.curve(24, 2, error=None, free_scale=np.array([True]))
 NEEDED = {
     "convex-grid": {"period": 0.02, "n_facets": 60, "degree": 2},
+    "contact-binary": {"period": 0.02, "n_quadrature": 100},
     "stabilised": {"law": "inertial"},  # the one that needs no orbit
     "body": {"body": "plate", "spin": "free"},
 }
@@ -81,6 +82,8 @@ def test_every_model_has_the_sites_of_the_report_and_a_gradient(name, given):
     if name == "body":  # the report takes the shape from its file
         materials = read_body_text(body_text(given["body"])).body.materials
         assert {f"{material}_albedo_area" for material in materials} <= sites.keys()
+    elif name == "contact-binary":
+        assert {"size_ratio", "separation", "axis_ba", "axis_cb"} <= sites.keys()
     else:
         assert "albedo_area" in sites
     assert sites["flux"].shape == data.t.shape

@@ -104,7 +104,7 @@ def test_a_fit_starts_from_a_scan(asteroid):
     hook = entry.hook("starts")
     assert hook is not None
     given = [problem.ravel(s) for s in hook(data, jax.random.key(0), **options)]
-    z = placed(spins, jnp.stack(given), problem, data, options)
+    z = placed(spins, jnp.stack(given), problem, data, options, entry.hook("shapes"))
     assert len(z) == 2 * len(spins)
     sites = problem.constrain(z[0], data)
     assert float(sites["period_h"]) == pytest.approx(spins[0]["period_h"], rel=1e-9)

@@ -52,6 +52,13 @@ def _of_body(curve: LightCurve, entry: Entry, options: Mapping[str, Any]) -> Ite
         yield "The body is convex, and spins about a fixed axis of its own."
         near = _shown(options["period"])
         yield f"Its sidereal period is near {near} h; other periods were not searched."
+    elif model == "contact-binary":
+        yield (
+            "The body is two ellipsoids in contact that shade one another, and spins about a fixed "
+            "axis of its own, across the line of their centres."
+        )
+        near = _shown(options["period"])
+        yield f"Its sidereal period is near {near} h; other periods were not searched."
     elif model == "body":
         yield from _of_known_body(options)
         yield from _of_known_spin(curve, options)

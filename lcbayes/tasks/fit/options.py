@@ -13,7 +13,7 @@ from lcbayes.tasks.task import Task
 SAMPLERS = ("auto", "nuts", "ahmc", "smc")
 MODEL = option(
     "faceted",
-    help="faceted, faceted-brdf, convex-grid, stabilised, body, or a Python file",
+    help="faceted, faceted-brdf, convex-grid, contact-binary, stabilised, body, or a Python file",
     callables=True,
 )
 

@@ -26,6 +26,7 @@ from lcbayes.analysis.numerals import show
 from lcbayes.core.reasons import Reason
 from lcbayes.data.lightcurve import LightCurve
 from lcbayes.modelling.variables import is_area, label
+from lcbayes.results import rivals
 from lcbayes.results.asteroid import QUANTITIES, tilt_warning
 from lcbayes.results.content import BodyContent, FitContent, ParameterContent
 from lcbayes.results.light_curve import load_light_curve
@@ -154,6 +155,7 @@ class Fit(Result[FitContent]):
             lines += _body(mode.get("body"))
         lines += [*other_spins(content.get("spins", [])), *searched(content.get("search"))]
         lines += measured_faults(content["modes"][0]["parameters"], self.reasons)
+        lines += rivals.lines(content.get("rival"))
         return [*lines, *rests_on(content.get("rests_on", {}))]
 
     def _rotation(self, index: int) -> Iterator[str]:

@@ -22,11 +22,13 @@ from lcbayes.data.lightcurve import LightCurve
 from lcbayes.inference import facet_count, sparse
 from lcbayes.inference import fit as engine
 from lcbayes.inference.identity import identity as identity_of
+from lcbayes.inference.rival import rival
 from lcbayes.inference.sparse import SparsePath
 from lcbayes.modelling import registry
 from lcbayes.modelling.options import PRIORS, ModelOptions
 from lcbayes.modelling.registry import Entry
 from lcbayes.results import posterior as results
+from lcbayes.results import rivals
 from lcbayes.results.asteroid import asteroids, body_content
 from lcbayes.results.start import Start, read_start
 from lcbayes.results.summary import summarise
@@ -156,7 +158,7 @@ def _fitted(curve: LightCurve, options: FitOptions, context: Context) -> Fit:
     if doubt:
         posterior.reasons.insert(0, Finding("period-of-scan", {"why": doubt}))
     context.progress.say("checking the draws: predicted brightness, leave-one-out")
-    return assembled(posterior, curve, entry, checked, identity, path)
+    return assembled(posterior, curve, entry, checked, identity, path, context.progress)
 
 
 def assembled(
@@ -166,13 +168,19 @@ def assembled(
     options: Mapping[str, Any],
     identity: Mapping[str, Any],
     path: SparsePath | None = None,
+    progress: Silent | None = None,
 ) -> Fit:
     """The result of a posterior: its DataTree, summary and verdict."""
     seed = posterior.settings.seed
     tree = results.tree(posterior, curve, entry, options, seed)
     hook = entry.hook("shadows_left_out")
     shadows_of = None if hook is None else partial(hook, **options)
-    content, reasons = summarise(posterior, tree, curve, identity, seed, shadows_of)
+    other = None
+    if entry.rival:
+        drawn = (tree[f"modes/{i}/posterior"] for i in range(len(posterior.modes)))
+        draws = [{k: d[k].to_numpy() for k in rivals.WORDS} for d in drawn]
+        other = rival(entry, options, curve, posterior, draws, progress or Silent())
+    content, reasons = summarise(posterior, tree, curve, identity, seed, shadows_of, other)
     content["model_options"] = dict(options)
     if path is not None:
         content["sparse"] = asdict(path)
@@ -200,7 +208,8 @@ def _started(
     period = entry.options.get("period")
     if period is None and start.periods:
         raise InputError(
-            "--start-from goes with models that spin freely: faceted, body, convex-grid"
+            "--start-from goes with models that spin freely: faceted, body, convex-grid, "
+            "contact-binary"
         )
     own = entry.hook("search") is not None  # over all spins, which needs no other start
     if period is None or (period.type is str and not start.periods and not own):

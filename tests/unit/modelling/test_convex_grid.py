@@ -16,7 +16,7 @@ from lcbayes.inference import fit, search
 from lcbayes.inference.problem_cache import build_problem
 from lcbayes.inference.solutions import Solution
 from lcbayes.inversion.attitude_scan.spin import in_convention
-from lcbayes.modelling import registry
+from lcbayes.modelling import asteroids, registry
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem, compiled
 from lcbayes.models import convex_grid
@@ -244,7 +244,7 @@ def test_each_relative_curve_over_phase_angles_has_its_own_phase_law():
     np.testing.assert_allclose(ratio, expected, rtol=1e-7)
     few = curve.curve == 1  # alone, at epochs that are predicted
     with handlers.substitute(data=law):
-        alone = convex_grid.phase_law(Epochs.of(curve.select(few), curve))
+        alone = asteroids.phase_law(Epochs.of(curve.select(few), curve))
     np.testing.assert_allclose(alone, expected[few], rtol=1e-7)
 
 
@@ -255,7 +255,7 @@ def test_flux_of_a_sphere_at_zero_phase_is_its_parameter(c):
     area = jnp.asarray(built.constrain(built.ravel(sites), data)["albedo_area"])
     normals = jnp.asarray(convex_grid.grid(len(area), 1)[0])
     towards = jnp.array([[0.6, 0.0, 0.8]])
-    flux = brightness.flux(towards, towards, normals, area, convex_grid.LAW, c)
+    flux = brightness.flux(towards, towards, normals, area, asteroids.LAW, c)
     assert flux[0] == pytest.approx(float(np.mean(data.brightness)), rel=2e-3)
 
 

@@ -29,6 +29,17 @@ def test_direction_density_is_normalised():
     np.testing.assert_allclose(total, 1.0, rtol=1e-9)
 
 
+def test_density_on_the_circle_is_normalised():
+    """∫ p(b) d²b = ∫ p(r) 2πr dr."""
+    one = priors.UniformDirection(1, 2)
+
+    def radial(r: float) -> float:
+        return 2 * np.pi * r * float(jnp.exp(one.log_prob(jnp.array([[0.0, r]])))[0])
+
+    total = integrate.quad(radial, 1e-6, 2.5, points=[1.0], limit=60, epsabs=1e-11)[0]
+    np.testing.assert_allclose(total, 1.0, rtol=1e-9)
+
+
 @pytest.mark.statistical(false_alarm=EACH)
 def test_direction_density_is_the_samples_density():
     """Lengths of samples follow the radial part of the density, a Gaussian about one."""
@@ -48,6 +59,12 @@ def test_directions_are_uniform():
     assert stats.kstest(phi, stats.uniform(-np.pi, 2 * np.pi).cdf).pvalue > EACH / 3
     assert stats.kstest(g, stats.uniform(-1, 2).cdf).pvalue > EACH / 3
     assert stats.spearmanr(np.abs(phi), g).pvalue > EACH / 3
+
+
+@pytest.mark.statistical(false_alarm=EACH)
+def test_angles_are_uniform():
+    angle = [float(handlers.seed(priors.angle, k)("phase")) for k in range(400)]
+    assert stats.kstest(angle, stats.uniform(-np.pi, 2 * np.pi).cdf).pvalue > EACH
 
 
 @pytest.mark.parametrize("length", [0.0, 1e-8, 0.3, 1.0, 30.0])

@@ -1,0 +1,111 @@
+"""Two ellipsoids in contact that shade and hide one another."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from jax.typing import ArrayLike
+
+from lcbayes.core.jax_setup import jax, jnp
+from lcbayes.physics.bodies import facets
+from lcbayes.physics.brightness import diffuse_kernel
+
+SOFTNESS = 2.4  # half the width of the edge of a shadow, times 1/√n of an ellipsoid's patches
+
+
+class Lobes(NamedTuple):
+    """Two ellipsoids with the axes of the body, of which x is along the line of their centres.
+
+    Attributes
+    ----------
+    centres : (2, 3)
+        The first is the origin.
+    axes : (2, 3)
+        Semi-axes along x, y and z.
+    """
+
+    centres: jax.Array
+    axes: jax.Array
+
+
+def lobes(
+    size_ratio: ArrayLike, axis_ba: ArrayLike, axis_cb: ArrayLike, separation: ArrayLike
+) -> Lobes:
+    """Ellipsoids with the semi-axis a = 1 of the first along the line of centres.
+
+    Parameters
+    ----------
+    size_ratio : ()
+        a of the second over that of the first.
+    axis_ba, axis_cb : (2,)
+        Ratios of the semi-axes of each.
+    separation : ()
+        Distance of the centres over the sum of both a: 1 if they touch, less if they overlap.
+    """
+    a = jnp.stack([jnp.ones(()), jnp.asarray(size_ratio)])
+    ba, cb = jnp.asarray(axis_ba), jnp.asarray(axis_cb)
+    axes = a[:, None] * jnp.stack([jnp.ones(2), ba, ba * cb], axis=1)
+    second = jnp.stack([separation * jnp.sum(a), jnp.zeros(()), jnp.zeros(())])
+    return Lobes(jnp.stack([jnp.zeros(3), second]), axes)
+
+
+def flux(sun: jax.Array, obs: jax.Array, body: Lobes, law: str, c: jax.Array, n: int) -> jax.Array:
+    """Flux of the two ellipsoids for unit albedo over the area of their surface, (T,).
+
+    Σ wᵢ vᵢ K(μ₀ᵢ, μᵢ)/Σ wᵢ over n patches of each ellipsoid, with K the law of diffuse reflection
+    (`brightness.flux`), wᵢ the area of a patch outside the other ellipsoid, and vᵢ the part of it
+    that the other neither shades nor hides. A patch is the image of one of the unit sphere: with
+    normal u and area ω there, it has a normal along u/axes and the area a b c |u/axes| ω. A ray
+    from x toward e meets an ellipsoid with centre x₀ if, in coordinates in which that is the unit
+    sphere, q = (x − x₀)/axes lies less than 1 from the line along e, and behind the sphere.
+
+    The edges of shadows have the softness of a patch, so that the flux is a smooth function of all
+    parameters. With n = 400 the flux is wrong by some 0.25 %, and its variation by some 0.15 % of
+    the flux (rms, three bodies at phase angles of 5 to 70 degrees). The patches are points of a
+    Fibonacci lattice about x, with which these errors are smaller than with parallels.
+
+    Parameters
+    ----------
+    sun, obs : (T, 3)
+        Unit vectors, body axes.
+    body : Lobes
+    law : str
+        Of `brightness.DIFFUSE_LAWS`.
+    c : ()
+        Weight of Lambert's term beside that of Lommel and Seeliger.
+    n : int
+        About the number of patches of each ellipsoid.
+    """
+    u = jnp.asarray(facets.grid(n)[:, [2, 0, 1]])
+    soft = SOFTNESS / np.sqrt(n)
+    light, surface = jnp.zeros(sun.shape[0]), jnp.zeros(())
+    for k, other in ((0, 1), (1, 0)):
+        at = u * body.axes[k] + body.centres[k]
+        stretched = u / body.axes[k]
+        length = jnp.linalg.norm(stretched, axis=1)
+        normals = stretched / length[:, None]
+        q = (at - body.centres[other]) / body.axes[other]
+        outside = _step((jnp.sum(q * q, axis=1) - 1.0) / soft)
+        area = 4.0 * np.pi / n * jnp.prod(body.axes[k]) * length * outside
+        mu0, mu = (jnp.maximum(e @ normals.T, 0.0) for e in (sun, obs))
+        kernel = diffuse_kernel(law, mu0, mu, c)[0]
+        for e in (sun, obs):
+            kernel = kernel * (1.0 - _hidden(q, e / body.axes[other], soft))
+        light = light + kernel @ area
+        surface = surface + jnp.sum(area)
+    return light / surface
+
+
+def _hidden(q: jax.Array, toward: jax.Array, soft: float) -> jax.Array:
+    """Part of each patch at q (N, 3) behind the unit sphere as seen along ``toward`` (T, 3)."""
+    e = toward / jnp.linalg.norm(toward, axis=1, keepdims=True)
+    along = e @ q.T
+    from_line = jnp.sum(q * q, axis=1) - along**2  # squared distance
+    return _step((1.0 - from_line) / soft) * _step(-along / soft)
+
+
+def _step(x: jax.Array) -> jax.Array:
+    """A smooth step from 0 at −1 to 1 at 1, u²(3 − 2u) with u = (x + 1)/2."""
+    u = jnp.clip(0.5 * (x + 1.0), 0.0, 1.0)
+    return u * u * (3.0 - 2.0 * u)

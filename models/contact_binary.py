@@ -1,0 +1,123 @@
+"""Two ellipsoids in contact that rotate about a fixed pole: an asteroid that shades itself."""
+
+import numpy as np
+import numpyro
+import numpyro.distributions as dist
+
+from lcbayes.core.jax_setup import jnp
+from lcbayes.modelling import asteroids, likelihood, priors, zero_points
+from lcbayes.modelling.epochs import Epochs
+from lcbayes.physics import photometry
+from lcbayes.physics.attitude import rotations
+from lcbayes.physics.bodies import contact_binary
+
+SUMMARY = "two ellipsoids in contact that shade one another, principal-axis spin"
+RIVAL = "convex-grid"
+COARSER = {"n_quadrature": 200}
+SMALLEST = 0.2  # size of the second ellipsoid over that of the first
+DEEPEST = 0.2  # distance of the centres over that at contact
+PHASES = 4  # in the equator, from which a search starts
+LOG_BA, LOG_CB = (-0.15, 0.2), (-0.1, 0.2)
+
+
+def model(
+    data: Epochs,
+    *,
+    period: float,
+    n_quadrature: int = 400,
+    noise_law: likelihood.Law = "gaussian",
+    scatter: float = 0.0,
+    correlated_noise: bool = False,
+    zero_point_sd: float = 0.0,
+):
+    """f(t) = S(phase) Σ αᵢ vᵢ [μ₀μ/(μ₀+μ) + c μ₀μ] over the surface of two ellipsoids.
+
+    v is the part of a patch that the other ellipsoid neither shades nor hides; see
+    `physics.bodies.contact_binary`. The albedo is uniform.
+
+    The pole is uniform on the sphere, and the rotational phase on the circle. Sidereal period ~
+    Normal(period, P²/2T), with T the time span. The line of centres turns in the equator. The
+    semi-axes a along that line, b in the equator and c along the pole have the ratios ln b/a ~
+    Normal(−0.15, 0.2) and ln c/b ~ Normal(−0.1, 0.2) in each ellipsoid. The second has a of 0.2 to
+    1 times the first, and the distance of the centres is 0.2 to 1 times that at contact, both
+    uniform. ln c ~ Normal(ln 0.1, 0.5) for Lambert's term. Size, phase laws and noise are those of
+    convex-grid.
+
+    Parameters
+    ----------
+    period
+        Sidereal period, h.
+    n_quadrature
+        About the number of patches of each ellipsoid. The search uses 200.
+    noise_law
+        gaussian, student-t or mixture.
+    scatter
+        Median of the prior of the scatter in excess of the file's errors, mag or relative; 0: none.
+    correlated_noise
+        Whether the noise includes an Ornstein-Uhlenbeck process of unknown size and time scale.
+    zero_point_sd
+        Prior sd of the zero point of each observer and night of calibrated curves, mag; 0: equal.
+    """
+    pole, _, period_s = asteroids.spin(data, period)
+    phase_s = priors.angle("phase") / (2.0 * np.pi) * period_s
+
+    ratio = numpyro.sample("size_ratio", dist.Uniform(SMALLEST, 1.0))
+    axis_ba, axis_cb = (
+        jnp.exp(numpyro.sample(f"log_{name}", dist.Normal(*prior).expand([2]).to_event(1)))
+        for name, prior in (("axis_ba", LOG_BA), ("axis_cb", LOG_CB))
+    )
+    numpyro.deterministic("axis_ba", axis_ba)
+    numpyro.deterministic("axis_cb", axis_cb)
+    separation = numpyro.sample("separation", dist.Uniform(DEEPEST, 1.0))
+    body = contact_binary.lobes(ratio, axis_ba, axis_cb, separation)
+
+    lambert = asteroids.lambert()
+    size = asteroids.calibration(data, lambert) if data.calibrated else 1.0
+    if data.calibrated:
+        numpyro.deterministic("total_albedo_area", asteroids.SPHERE * size)
+    surface = asteroids.phase_law(data) if asteroids.n_phase_laws(data) else 1.0
+    tilt = rotations.brought_to(pole)
+
+    def instantaneous(t):
+        rotation = rotations.spinning(t - data.t_middle + phase_s, tilt, period_s)
+        sun, obs = rotations.to_body(rotation, data.sun), rotations.to_body(rotation, data.obs)
+        return contact_binary.flux(sun, obs, body, asteroids.LAW, lambert, n_quadrature)
+
+    mean = photometry.exposed(instantaneous, data.exposure_s)
+    flux = asteroids.SPHERE * (mean if data.has_exposure else instantaneous)(data.t)
+    zero_point = zero_points.Prior(zero_point_sd)
+    likelihood.observe(
+        data, surface * size * flux, noise_law, scatter, False, zero_point, correlated_noise
+    )
+
+
+def shapes(data: Epochs, **options):  # noqa: ARG001
+    """Bodies in contact and with a neck, at four phases."""
+    light = asteroids.light(data)
+    return [
+        light
+        | {
+            "phase_base": jnp.array([[np.cos(angle), np.sin(angle)]]),
+            "size_ratio": jnp.array(0.8),
+            "log_axis_ba": jnp.full(2, LOG_BA[0]),
+            "log_axis_cb": jnp.full(2, LOG_CB[0]),
+            "separation": jnp.array(separation),
+        }
+        for separation in (0.6, 0.9)
+        for angle in 2.0 * np.pi * np.arange(PHASES) / PHASES
+    ]
+
+
+def starts(data: Epochs, key, **options):  # noqa: ARG001
+    """Poles over the whole sky and periods within the prior, with one separation each in turn."""
+    every = shapes(data, **options)
+    return [
+        shape | spin
+        for k, spin in enumerate(asteroids.spins())
+        for shape in every[k % 2 * PHASES :][:PHASES]
+    ]
+
+
+def coordinates(data: Epochs, **options):  # noqa: ARG001
+    """c of Lambert's term replaces ln c above the lower end of its prior, as in convex-grid."""
+    return {"log_lambert_c": asteroids.LINEAR_LAMBERT}
