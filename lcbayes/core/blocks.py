@@ -25,6 +25,22 @@ def each(f: Callable[..., Any], rows: Any) -> Any:
     return jax.lax.map(f, rows) if jax.default_backend() == "cpu" else jax.vmap(f)(rows)
 
 
+def in_turn(f: Callable[..., jax.Array], size: int, *rows: jax.Array) -> jax.Array:
+    """f (B,) of blocks of B rows of arrays (T, ...), one after the other in one program, as (T,).
+
+    The blocks are computed again in the backward pass, which is faster than to read them from
+    memory if they fit in the cache of a core, and limits the memory use.
+    """
+    n_blocks, rest = divmod(len(rows[0]), size)
+    part = jax.checkpoint(f)
+    if n_blocks == 0:
+        return part(*rows)
+    head = tuple(x[: n_blocks * size].reshape(n_blocks, size, *x.shape[1:]) for x in rows)
+    done = jax.lax.map(lambda block: part(*block), head).reshape(-1)
+    last = part(*(x[-rest:] for x in rows)) if rest else done[:0]
+    return jax.numpy.concatenate([done, last])
+
+
 def on_all_cores(f: Callable[..., Any], *rows: Any, size: int = ROWS) -> Any:
     """`in_blocks` of some rows, with a thread on each core."""
 

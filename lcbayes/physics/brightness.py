@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Literal, get_args
 
+from lcbayes.core.blocks import in_turn
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.physics.reflectance import geometry, get_law
 from lcbayes.physics.tangents import present
@@ -82,17 +83,11 @@ def flux(
     size = many if facets >= _MANY_FACETS else _BLOCK_FEW
     if epochs * facets <= size:
         return _flux(law, single_slopes, *args)
-    # Full blocks one after the other, then the remainder.
-    block = max(1, size // facets)
-    n_blocks, rest = divmod(epochs, block)
-    part = jax.checkpoint(partial(_flux, law, single_slopes))
 
-    def one(directions: tuple[jax.Array, jax.Array]) -> jax.Array:
-        return part(*directions, *args[2:])
+    def part(sun: jax.Array, obs: jax.Array) -> jax.Array:
+        return _flux(law, single_slopes, sun, obs, *args[2:])
 
-    head = tuple(x[: n_blocks * block].reshape(n_blocks, block, 3) for x in args[:2])
-    done = jax.lax.map(one, head).reshape(-1)
-    return jnp.concatenate([done, one((args[0][-rest:], args[1][-rest:]))]) if rest else done
+    return in_turn(part, max(1, size // facets), *args[:2])
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0, 1))

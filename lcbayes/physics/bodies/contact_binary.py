@@ -7,11 +7,13 @@ from typing import NamedTuple
 import numpy as np
 from jax.typing import ArrayLike
 
+from lcbayes.core.blocks import in_turn
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.physics.bodies import facets
 from lcbayes.physics.brightness import diffuse_kernel
 
 SOFTNESS = 2.4  # half the width of the edge of a shadow, times 1/√n of an ellipsoid's patches
+BLOCK = 1 << 13  # epochs times patches of a block
 
 
 class Lobes(NamedTuple):
@@ -77,24 +79,30 @@ def flux(sun: jax.Array, obs: jax.Array, body: Lobes, law: str, c: jax.Array, n:
     n : int
         About the number of patches of each ellipsoid.
     """
-    u = jnp.asarray(facets.grid(n)[:, [2, 0, 1]])
     soft = SOFTNESS / np.sqrt(n)
-    light, surface = jnp.zeros(sun.shape[0]), jnp.zeros(())
-    for k, other in ((0, 1), (1, 0)):
-        at = u * body.axes[k] + body.centres[k]
-        stretched = u / body.axes[k]
+    u = jnp.asarray(facets.grid(n)[:, [2, 0, 1]])
+
+    def light(k: int) -> tuple[jax.Array, jax.Array]:
+        """Light (T,) and surface of one ellipsoid."""
+        axes, of_other = body.axes[k], body.axes[1 - k]
+        stretched = u / axes
         length = jnp.linalg.norm(stretched, axis=1)
         normals = stretched / length[:, None]
-        q = (at - body.centres[other]) / body.axes[other]
+        q = (u * axes + body.centres[k] - body.centres[1 - k]) / of_other
         outside = _step((jnp.sum(q * q, axis=1) - 1.0) / soft)
-        area = 4.0 * np.pi / n * jnp.prod(body.axes[k]) * length * outside
-        mu0, mu = (jnp.maximum(e @ normals.T, 0.0) for e in (sun, obs))
-        kernel = diffuse_kernel(law, mu0, mu, c)[0]
-        for e in (sun, obs):
-            kernel = kernel * (1.0 - _hidden(q, e / body.axes[other], soft))
-        light = light + kernel @ area
-        surface = surface + jnp.sum(area)
-    return light / surface
+        area = 4.0 * np.pi / n * jnp.prod(axes) * length * outside
+
+        def of_epochs(sun: jax.Array, obs: jax.Array) -> jax.Array:
+            mu0, mu = (jnp.maximum(e @ normals.T, 0.0) for e in (sun, obs))
+            kernel = diffuse_kernel(law, mu0, mu, c)[0]
+            for e in (sun, obs):
+                kernel = kernel * (1.0 - _hidden(q, e / of_other, soft))
+            return kernel @ area
+
+        return in_turn(of_epochs, max(1, BLOCK // n), sun, obs), jnp.sum(area)
+
+    (first, surface), (second, other_surface) = light(0), light(1)
+    return (first + second) / (surface + other_surface)
 
 
 def _hidden(q: jax.Array, toward: jax.Array, soft: float) -> jax.Array:
