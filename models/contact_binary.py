@@ -14,8 +14,8 @@ from lcbayes.physics.bodies import contact_binary
 SUMMARY = "two ellipsoids in contact that shade one another, principal-axis spin"
 RIVAL = "convex-grid"
 COARSER = {"n_quadrature": 200}
-SMALLEST = 0.2  # size of the second ellipsoid over that of the first
 DEEPEST = 0.2  # distance of the centres over that at contact
+SIZE_SD = 0.4  # of the logarithm of the ratio of both sizes
 PHASES = 4  # in the equator, from which a search starts
 LOG_BA, LOG_CB = (-0.15, 0.2), (-0.1, 0.2)
 
@@ -38,10 +38,12 @@ def model(
     The pole is uniform on the sphere, and the rotational phase on the circle. Sidereal period ~
     Normal(period, P²/2T), with T the time span. The line of centres turns in the equator. The
     semi-axes a along that line, b in the equator and c along the pole have the ratios ln b/a ~
-    Normal(−0.15, 0.2) and ln c/b ~ Normal(−0.1, 0.2) in each ellipsoid. The second has a of 0.2 to
-    1 times the first, and the distance of the centres is 0.2 to 1 times that at contact, both
-    uniform. ln c ~ Normal(ln 0.1, 0.5) for Lambert's term. Size, phase laws and noise are those of
-    convex-grid.
+    Normal(−0.15, 0.2) and ln c/b ~ Normal(−0.1, 0.2) in each ellipsoid. The ratio of both sizes,
+    radii of spheres of the same volume, has ln r ~ Normal(0, 0.4). The distance of the centres over
+    that at contact is uniform in 0.2 to 1. ln c ~ Normal(ln 0.1, 0.5) for Lambert's term. Size,
+    phase laws and noise are those of convex-grid.
+
+    The two ellipsoids may be exchanged; see `equivalents`.
 
     Parameters
     ----------
@@ -61,7 +63,8 @@ def model(
     pole, _, period_s = asteroids.spin(data, period)
     phase_s = priors.angle("phase") / (2.0 * np.pi) * period_s
 
-    ratio = numpyro.sample("size_ratio", dist.Uniform(SMALLEST, 1.0))
+    ratio = jnp.exp(numpyro.sample("log_size_ratio", dist.Normal(0.0, SIZE_SD)))
+    numpyro.deterministic("size_ratio", ratio)
     axis_ba, axis_cb = (
         jnp.exp(numpyro.sample(f"log_{name}", dist.Normal(*prior).expand([2]).to_event(1)))
         for name, prior in (("axis_ba", LOG_BA), ("axis_cb", LOG_CB))
@@ -98,7 +101,7 @@ def shapes(data: Epochs, **options):  # noqa: ARG001
         light
         | {
             "phase_base": jnp.array([[np.cos(angle), np.sin(angle)]]),
-            "size_ratio": jnp.array(0.8),
+            "log_size_ratio": jnp.log(0.8),
             "log_axis_ba": jnp.full(2, LOG_BA[0]),
             "log_axis_cb": jnp.full(2, LOG_CB[0]),
             "separation": jnp.array(separation),
@@ -115,6 +118,20 @@ def starts(data: Epochs, key, **options):  # noqa: ARG001
         shape | spin
         for k, spin in enumerate(asteroids.spins())
         for shape in every[k % 2 * PHASES :][:PHASES]
+    ]
+
+
+def equivalents(**options):  # noqa: ARG001
+    """The body, and with its ellipsoids in the other order, turned by half a turn."""
+    same, other = np.eye(2), np.eye(2)[::-1]
+    return [
+        {
+            "log_size_ratio": np.array([[sign]]),
+            "log_axis_ba": order,
+            "log_axis_cb": order,
+            "phase_base": sign * np.eye(2),
+        }
+        for sign, order in ((1.0, same), (-1.0, other))
     ]
 
 

@@ -111,7 +111,10 @@ def rival(
     problem = build_problem(other, shared, data)[0]
     z, potential = solutions.optimum(problem, data, z, np.arange(problem.dim))
     information = np.asarray(compiled(problem.fisher)(jnp.asarray(z), data))
-    log_odds = solutions.laplace(potential, information) - posterior.log_evidence.value
+    alike = other.hook("equivalents")
+    images = 1 if alike is None else len(alike(**shared))
+    log_evidence = solutions.laplace(potential, information) + np.log(images)
+    log_odds = log_evidence - posterior.log_evidence.value
     sampled = _spins(problem, data, z, information)
     spin = {k: (float(np.mean(v)), float(np.std(v, ddof=1))) for k, v in sampled.items()}
     held = _held(sampled, draws[solution], log_odds)

@@ -34,19 +34,20 @@ class Lobes(NamedTuple):
 def lobes(
     size_ratio: ArrayLike, axis_ba: ArrayLike, axis_cb: ArrayLike, separation: ArrayLike
 ) -> Lobes:
-    """Ellipsoids with the semi-axis a = 1 of the first along the line of centres.
+    """Ellipsoids of which the first has the volume of the unit sphere.
 
     Parameters
     ----------
     size_ratio : ()
-        a of the second over that of the first.
+        Radius of the sphere with the volume of the second.
     axis_ba, axis_cb : (2,)
-        Ratios of the semi-axes of each.
+        Ratios of the semi-axes of each: a along the line of centres, b and c along y and z.
     separation : ()
         Distance of the centres over the sum of both a: 1 if they touch, less if they overlap.
     """
-    a = jnp.stack([jnp.ones(()), jnp.asarray(size_ratio)])
     ba, cb = jnp.asarray(axis_ba), jnp.asarray(axis_cb)
+    radius = jnp.stack([jnp.ones(()), jnp.asarray(size_ratio)])
+    a = radius / jnp.cbrt(ba * ba * cb)
     axes = a[:, None] * jnp.stack([jnp.ones(2), ba, ba * cb], axis=1)
     second = jnp.stack([separation * jnp.sum(a), jnp.zeros(()), jnp.zeros(())])
     return Lobes(jnp.stack([jnp.zeros(3), second]), axes)
