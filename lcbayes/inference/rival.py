@@ -73,7 +73,7 @@ def rival(
     draws: Sequence[Mapping[str, ArrayLike]],
     progress: Silent,
 ) -> Rival | None:
-    """The best body of the rival of a model, ``RIVAL``; None if it has none.
+    """The best body of the rival of a model, ``RIVAL``; None if it has none, or none was found.
 
     Parameters
     ----------
@@ -88,7 +88,8 @@ def rival(
         return None
     progress.say(f"fitting the model {entry.rival} from the spins that were found, to compare")
     other = registry.find(entry.rival)
-    shared = {k: v for k, v in options.items() if k in other.options}
+    asked = set(other.options) - set(other.coarser)  # other numbers of normals mean something else
+    shared = {k: v for k, v in options.items() if k in asked}
     data, workers = posterior.data, min(os.cpu_count() or 1, FOLLOWED)
     few = Epochs.of(curve.select(_thinned(curve)), curve)
     coarse = build_problem(other, {**other.coarser, **shared}, few)[0]
@@ -100,11 +101,14 @@ def rival(
     first = search.advanced(coarse, few, begun, FIRST_STEPS, workers, lambda _: None)
     best = np.argsort(np.nan_to_num(first.potential, nan=np.inf), kind="stable")[:FOLLOWED]
     ends = search.polish(coarse, few, first.z[best], workers)
-    k = int(np.nanargmin(ends.potential))
+    k = int(np.argmin(np.nan_to_num(ends.potential, nan=np.inf)))
+    if not np.isfinite(ends.potential[k]):
+        return None
     solution, z = int(best[k]) // len(every), ends.z[k]
     fitted = build_problem(entry, options, few)[0]
     own = _log_likelihood(fitted, posterior.modes[solution].solution.z, few)
-    worse = (own - _log_likelihood(coarse, z, few)) * data.t.size / few.t.size
+    counted = float(jnp.sum(data.information * jnp.ones(data.t.size))) / few.t.size
+    worse = counted * (own - _log_likelihood(coarse, z, few))
     if worse > SLIGHTLY + SIMPLER * max(0, fitted.dim - coarse.dim):
         return Rival(other.name, solution, -np.inf, solutions.rms(coarse, z, few), {}, {})
 
@@ -142,8 +146,8 @@ def _mean_spin(draws: Mapping[str, ArrayLike]) -> dict[str, float]:
 def _spins(problem: Problem, data: Epochs, z: Floats, information: Floats) -> dict[str, Floats]:
     """Draws of `SPIN` from the Gaussian about an optimum, longitudes without a jump."""
     noise = np.random.default_rng(0).standard_normal((DRAWS, len(z)))
-    # the inverse transpose of the Cholesky root takes white noise to the covariance F⁻¹
-    rows = z + np.linalg.solve(np.linalg.cholesky(information).T, noise.T).T
+    values, vectors = np.linalg.eigh(information)
+    rows = z + noise / np.sqrt(np.maximum(values, 1e-12 * values[-1])) @ vectors.T
     sites = constrain_draws(problem, rows[None], data)
     finite = np.all([np.isfinite(sites[k]).ravel() for k in SPIN], axis=0)
     found = {k: np.asarray(sites[k], float).ravel()[finite] for k in SPIN}

@@ -5,8 +5,7 @@ Light curves are from a simulator without any code of the package.
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-from typing import Any, cast
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,68 +13,31 @@ import pytest
 import lcbayes
 from benchmarks import _asteroids as asteroids
 from lcbayes.core.jax_setup import jax, jnp
-from lcbayes.core.progress import Silent
 from lcbayes.inference import rival as rivals
-from lcbayes.inference import solutions
-from lcbayes.inference.rival import SPIN, Rival, rival
-from lcbayes.inference.start_from import placed, spin_sites
+from lcbayes.inference.rival import SPIN, Rival
+from lcbayes.inference.start_from import placed
 from lcbayes.modelling import registry
-from lcbayes.modelling.constrained import constrain_draws
 from lcbayes.modelling.epochs import Epochs
-from lcbayes.modelling.problem import Problem, compiled
+from lcbayes.modelling.problem import Problem
 from lcbayes.results import rivals as said
 from lcbayes.results.reasons import reason
 
 OPTIONS = {"n_quadrature": 300, "degree": 4, "n_facets": 100}
-WITHIN_DEG = {"convex-grid": 4.0, "contact-binary": 2.0}
-
-
-def fitted(kind: str, seed: int, folder) -> tuple[asteroids.Case, Rival]:
-    """The optimum of a convex body near the true spin, and its rival."""
-    case = asteroids.draw_case(kind, seed)
-    path = folder / f"{kind}.lcs"
-    asteroids.write(case, path)
-    curve = lcbayes.read(path)
-    data, entry = Epochs.of(curve), registry.find("convex-grid")
-    options = entry.check({"period": case.given_period_h, **OPTIONS})
-    problem = Problem(entry.bind(options), data)
-    hook = entry.hook("shapes")
-    assert hook is not None
-    lon, lat = np.arctan2(case.pole[1], case.pole[0]), np.arcsin(case.pole[2])
-    spin = {
-        "period_h": case.period_h,
-        "pole_lon_deg": np.degrees(lon),
-        "pole_lat_deg": np.degrees(lat),
-    }
-    start = {**hook(data, **options)[0], **spin_sites(spin, data, case.given_period_h)}
-    every = np.arange(problem.dim)
-    z, potential = solutions.optimum(problem, data, np.asarray(problem.ravel(start)), every)
-    information = np.asarray(compiled(problem.fisher)(jnp.asarray(z), data))
-    noise = np.random.default_rng(1).standard_normal((300, len(z)))
-    rows = z + np.linalg.solve(np.linalg.cholesky(information).T, noise.T).T
-    sites = constrain_draws(problem, rows[None], data)
-    posterior = SimpleNamespace(
-        data=data,
-        modes=[SimpleNamespace(solution=SimpleNamespace(z=z))],
-        log_evidence=SimpleNamespace(value=solutions.laplace(potential, information)),
-    )
-    draws = [{k: sites[k] for k in SPIN}]
-    found = rival(entry, options, curve, cast("Any", posterior), draws, Silent())
-    assert found is not None
-    return case, found
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.mark.parametrize(("kind", "seed"), [("binary", 100), ("ellipsoid", 0), ("spot", 3)])
-def test_a_contact_binary_is_told_from_convex_bodies(kind, seed, tmp_path):
+def test_a_contact_binary_is_told_from_convex_bodies(kind, seed, tmp_path, monkeypatch):
     """300 points of 1 %. A convex body has the pole of the binary 9° off, with residuals of 1 %."""
-    case, found = fitted(kind, seed, tmp_path)
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    from benchmarks.contact_binaries import compared, off_deg
+
+    case, _, found = compared(kind, seed, tmp_path / "curve.lcs", **OPTIONS)
     reasons = [reason(one).text for one in said.findings(found)]
     line = " ".join(said.lines(said.content_of(found).get("rival")))
     if kind == "binary":
         assert found.log_odds > 20.0
-        lon, lat = (np.radians(found.spin[k][0]) for k in SPIN[1:])
-        pole = np.array([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
-        assert np.degrees(np.arccos(pole @ case.pole)) < 2.0
+        assert off_deg(case, *(found.spin[k][0] for k in SPIN[1:])) < 2.0
         assert len(reasons) == 1
         assert "fit it with --model contact-binary" in reasons[0]
     elif kind == "ellipsoid":
