@@ -12,7 +12,7 @@ from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.physics.bodies import facets
 from lcbayes.physics.brightness import diffuse_kernel
 
-SOFTNESS = 2.4  # half the width of the edge of a shadow, times 1/√n of an ellipsoid's patches
+SOFTNESS = 6.0  # half the width of the edge of a shadow, times 1/√n of an ellipsoid's patches
 BLOCK = 1 << 13  # epochs times patches of a block
 
 
@@ -63,10 +63,12 @@ def flux(sun: jax.Array, obs: jax.Array, body: Lobes, law: str, c: jax.Array, n:
     from x toward e meets an ellipsoid with centre x₀ if, in coordinates in which that is the unit
     sphere, q = (x − x₀)/axes lies less than 1 from the line along e, and behind the sphere.
 
-    The edges of shadows have the softness of a patch, so that the flux is a smooth function of all
-    parameters. With n = 400 the flux is wrong by some 0.25 %, and its variation by some 0.15 % of
-    the flux (rms, three bodies at phase angles of 5 to 70 degrees). The patches are points of a
-    Fibonacci lattice about x, with which these errors are smaller than with parallels.
+    The edges of shadows are softer than a patch, so that the flux is a smooth function of all
+    parameters: sharper edges give several optima in place of one. Their profile (`_step`) keeps the
+    area of a shadow to fourth order of its softness. With n = 400 the flux is wrong by 0.22 %, and
+    its variation by 0.14 % of the flux (rms, three bodies at phase angles of 5 to 70 degrees). The
+    patches are points of a Fibonacci lattice about x, with which these errors are smaller than with
+    parallels.
 
     Parameters
     ----------
@@ -115,6 +117,10 @@ def _hidden(q: jax.Array, toward: jax.Array, soft: float) -> jax.Array:
 
 
 def _step(x: jax.Array) -> jax.Array:
-    """A smooth step from 0 at −1 to 1 at 1, u²(3 − 2u) with u = (x + 1)/2."""
-    u = jnp.clip(0.5 * (x + 1.0), 0.0, 1.0)
-    return u * u * (3.0 - 2.0 * u)
+    """A smooth step from 0 at −1 to 1 at 1, of which the first three moments of 1{x > 0} are right.
+
+    1/2 + (15/32) (3x − 10x³/3 + 7x⁵/5), the integral of a kernel of fourth order, (15/32) (1 − x²)
+    (3 − 7x²); Müller 1984, Ann. Statist. 12, 766. It is slightly below 0 and above 1 near its ends.
+    """
+    u = jnp.clip(x, -1.0, 1.0)
+    return 0.5 + (15.0 / 32.0) * u * (3.0 - u * u * (10.0 / 3.0 - 1.4 * u * u))
