@@ -117,10 +117,10 @@ def _hidden(q: jax.Array, toward: jax.Array, soft: float) -> jax.Array:
 
 
 def _step(x: jax.Array) -> jax.Array:
-    """A smooth step from 0 at −1 to 1 at 1, of which the first three moments of 1{x > 0} are right.
+    """A smooth step from 0 at −1 to 1 at 1, slightly below 0 and above 1 near its ends.
 
-    1/2 + (15/32) (3x − 10x³/3 + 7x⁵/5), the integral of a kernel of fourth order, (15/32) (1 − x²)
-    (3 − 7x²); Müller 1984, Ann. Statist. 12, 766. It is slightly below 0 and above 1 near its ends.
+    1/2 + (15/32) (3x − 10x³/3 + 7x⁵/5), the integral of the kernel of fourth order (15/32) (1 − x²)
+    (3 − 7x²); Müller 1984, Ann. Statist. 12, 766.
     """
     u = jnp.clip(x, -1.0, 1.0)
     return 0.5 + (15.0 / 32.0) * u * (3.0 - u * u * (10.0 / 3.0 - 1.4 * u * u))
