@@ -114,6 +114,8 @@ def rival(
 
     problem = build_problem(other, shared, data)[0]
     z, potential = solutions.optimum(problem, data, z, np.arange(problem.dim))
+    if not np.isfinite(potential):
+        return None
     information = np.asarray(compiled(problem.fisher)(jnp.asarray(z), data))
     alike = other.hook("equivalents")
     images = 1 if alike is None else len(alike(**shared))
