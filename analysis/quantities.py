@@ -58,6 +58,11 @@ KNOWN: dict[str, tuple[str, str, float]] = {
     "outlier_width": ("width of outliers, in scales", "", 0.0),
     "nu": ("specular exponent", "", 0.0),
     "roughness": ("relief on the ellipsoid, rms of its harmonics", "", 0.0),
+    "size_ratio": ("size of the second ellipsoid over that of the first", "", 0.0),
+    "separation": ("distance of the centres over that at contact", "", 0.0),
+    "axis_ba": ("axis ratio b/a of an ellipsoid", "", 0.0),
+    "axis_cb": ("axis ratio c/b of an ellipsoid", "", 0.0),
+    "total_albedo_area": ("albedo-area of the surface", "m²", 0.0),
 }
 TUMBLING = "inertia_ratio"  # a variable of bodies in torque-free motion alone
 # In order of importance; used where only some can be shown.
@@ -69,6 +74,10 @@ IMPORTANT = (
     "albedo_area",
     "phi",
     "g",
+    "size_ratio",
+    "separation",
+    "axis_ba",
+    "axis_cb",
     "lambert_c",
     "phase_a",
     "phase_d",
@@ -309,9 +318,10 @@ def facets(results: Results, mode: Mode) -> list[Facet]:
 
 
 def key_results(results: Results, mode: Mode) -> list[Quantity]:
-    """The rows of the short table at the top: spin, surface and noise."""
+    """The rows of the short table at the top: spin, two ellipsoids, surface and noise."""
     rows = spin(results, mode)
-    shown = ("lambert_c", "phase_a", "phase_d", "phase_k", "sigma")
+    shown = ("size_ratio", "separation", "axis_ba", "axis_cb")
+    shown += ("lambert_c", "phase_a", "phase_d", "phase_k", "sigma")
     for q in quantities(results, mode):
         name, _, law = q.name.removesuffix("]").partition("[")
         if name in shown:

@@ -24,6 +24,7 @@ from lcbayes.analysis.contents import Mode, Results
 from lcbayes.analysis.numerals import duration, percent, show
 from lcbayes.analysis.pages import environment
 from lcbayes.geometry.times import date
+from lcbayes.results import rivals
 from lcbayes.results.asteroid import tilt_warning
 from lcbayes.results.reasons import agreement, searched, stored
 from lcbayes.results.small_faults import measured_faults
@@ -148,6 +149,7 @@ def _verdict(results: Results) -> dict[str, Any]:
             f"{least:.0f} (400 or more is good), "
             f"{_count(summary.get('divergences', 0), 'divergence')}."
         )
+    notes += [f"{line[0].upper()}{line[1:]}." for line in rivals.lines(summary.get("rival"))]
     return {"good": True, "head": head, "reasons": notes}
 
 

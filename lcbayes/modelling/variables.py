@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 # Axes with names as coordinates
-GROUPS = ("observer", "calibration", "series", "curve", "phase_law")
+GROUPS = ("observer", "calibration", "series", "curve", "phase_law", "ellipsoid")
 CARRIERS = frozenset(
     {
         "normals",

@@ -61,6 +61,10 @@ AXES: dict[str, tuple[str, ...]] = {
     "log_phase_a": ("phase_law",),
     "log_phase_d": ("phase_law",),
     "coefficients": ("coefficient",),
+    "axis_ba": ("ellipsoid",),
+    "axis_cb": ("ellipsoid",),
+    "log_axis_ba": ("ellipsoid",),
+    "log_axis_cb": ("ellipsoid",),
     "inertia": ("axis", "other_axis"),
     "inertia_base": ("shape",),
     "inertia_ratio": ("moment",),
@@ -206,7 +210,8 @@ def _with_names(draws: xr.Dataset, curve: LightCurve, data: Epochs) -> xr.Datase
     names, titles = names_of(curve), curve.curve_titles
     laws = ["calibrated curves"] if data.calibrated else []
     laws += [titles[k] for k in data.phased]
-    every = (names["observers"], names["calibrations"], names["series"], titles, laws)
+    groups = names["observers"], names["calibrations"], names["series"]
+    every = (*groups, titles, laws, ("first", "second"))
     given = zip(GROUPS, map(list, every), strict=True)
     return draws.assign_coords({k: v for k, v in given if k in draws.dims})
 

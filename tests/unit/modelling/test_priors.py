@@ -63,7 +63,11 @@ def test_directions_are_uniform():
 
 @pytest.mark.statistical(false_alarm=EACH)
 def test_angles_are_uniform():
-    angle = [float(handlers.seed(priors.angle, k)("phase")) for k in range(400)]
+    def drawn(seed: int) -> float:
+        with handlers.seed(rng_seed=seed):
+            return float(priors.angle("phase"))
+
+    angle = [drawn(k) for k in range(400)]
     assert stats.kstest(angle, stats.uniform(-np.pi, 2 * np.pi).cdf).pvalue > EACH
 
 

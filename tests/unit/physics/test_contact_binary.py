@@ -105,13 +105,14 @@ def test_finer_patches_are_more_exact():
 
 def test_a_lobe_inside_the_other_is_not_seen():
     """The flux is that of one ellipsoid, which is convex."""
-    body = lobes(0.2, (0.9, 1.0), (0.8, 1.0), 0.2)
+    body = lobes(0.2, jnp.array([0.9, 1.0]), jnp.array([0.8, 1.0]), 0.2)
     axes = np.array([1.0, 0.9, 0.72])  # but for the scale, of which the result is free
     u = facets.grid(3000)
     length = np.linalg.norm(u / axes, axis=1)
     area = length / np.sum(length)
     sun, obs = (jnp.asarray(x) for x in directions(40.0))
-    expected = brightness.flux(sun, obs, u / axes / length[:, None], jnp.asarray(area), LAW, C)
+    normals = jnp.asarray(u / axes / length[:, None])
+    expected = brightness.flux(sun, obs, normals, jnp.asarray(area), LAW, C)
     got = contact_binary.flux(sun, obs, body, LAW, jnp.asarray(C), N)
     np.testing.assert_allclose(got, expected, rtol=3e-3)
 
