@@ -67,10 +67,10 @@ def compared(kind: str, seed: int, path: Path, **options: Any) -> Compared:
     rows = z + np.linalg.solve(np.linalg.cholesky(information).T, noise.T).T
     sites = constrain_draws(problem, rows[None], data)
     draws = {k: np.asarray(sites[k]).ravel() for k in SPIN}
+    log_evidence = solutions.laplace(potential, information)
     posterior = SimpleNamespace(
         data=data,
-        modes=[SimpleNamespace(solution=SimpleNamespace(z=z))],
-        log_evidence=SimpleNamespace(value=solutions.laplace(potential, information)),
+        modes=[SimpleNamespace(solution=SimpleNamespace(z=z, log_evidence=log_evidence))],
     )
     found = rival(entry, asked, curve, cast("Any", posterior), [draws], Silent())
     assert found is not None

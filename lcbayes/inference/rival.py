@@ -45,8 +45,8 @@ class Rival(NamedTuple):
     solution : int
         The solution of the fit from whose spin it started.
     log_odds : float
-        Its ln evidence (Laplace's approximation) minus that of the fit; −inf if it fits so much
-        worse that the evidence was not computed.
+        Its ln evidence minus that of the fit, both by Laplace's approximation; −inf if it fits so
+        much worse that the evidence was not computed.
     rms : float
         Of its residuals, as `solutions.rms`; of a part of the points if ``log_odds`` is −inf.
     spin : mapping
@@ -96,7 +96,7 @@ def rival(
     shapes = other.hook("shapes")
     assert shapes is not None
     every, period = shapes(few, **shared), float(options["period"])
-    at = [spin_sites(_mean_spin(one), few, period) for one in draws]
+    at = [spin_sites(spin, few, period) for one in draws for spin in _spins_near(one)]
     begun = np.stack([coarse.ravel({**shape, **spin}) for spin in at for shape in every])
     first = search.advanced(coarse, few, begun, FIRST_STEPS, workers, lambda _: None)
     best = np.argsort(np.nan_to_num(first.potential, nan=np.inf), kind="stable")[:FOLLOWED]
@@ -104,11 +104,11 @@ def rival(
     k = int(np.argmin(np.nan_to_num(ends.potential, nan=np.inf)))
     if not np.isfinite(ends.potential[k]):
         return None
-    solution, z = int(best[k]) // len(every), ends.z[k]
+    solution, z = int(best[k]) * len(draws) // len(begun), ends.z[k]
     fitted = build_problem(entry, options, few)[0]
-    own = _log_likelihood(fitted, posterior.modes[solution].solution.z, few)
+    fit = _log_likelihood(fitted, posterior.modes[solution].solution.z, few)
     counted = float(jnp.sum(data.information * jnp.ones(data.t.size))) / few.t.size
-    worse = counted * (own - _log_likelihood(coarse, z, few))
+    worse = counted * (fit - _log_likelihood(coarse, z, few))
     if worse > SLIGHTLY + SIMPLER * max(0, fitted.dim - coarse.dim):
         return Rival(other.name, solution, -np.inf, solutions.rms(coarse, z, few), {}, {})
 
@@ -120,12 +120,13 @@ def rival(
     alike = other.hook("equivalents")
     images = 1 if alike is None else len(alike(**shared))
     log_evidence = solutions.laplace(potential, information) + np.log(images)
-    log_odds = log_evidence - posterior.log_evidence.value
+    own = np.logaddexp.reduce([mode.solution.log_evidence for mode in posterior.modes])
+    log_odds = float(log_evidence - own)
     sampled = _spins(problem, data, z, information)
     spin = {k: (float(np.mean(v)), float(np.std(v, ddof=1))) for k, v in sampled.items()}
     held = _held(sampled, draws[solution], log_odds)
     rms = solutions.rms(problem, z, data)
-    return Rival(other.name, solution, float(log_odds), rms, spin, held)
+    return Rival(other.name, solution, log_odds, rms, spin, held)
 
 
 def _log_likelihood(problem: Problem, z: Floats, data: Epochs) -> float:
@@ -141,8 +142,11 @@ def _thinned(curve: LightCurve) -> NDArray[np.bool_]:
     return keep
 
 
-def _mean_spin(draws: Mapping[str, ArrayLike]) -> dict[str, float]:
-    return {k: float(_unwrapped(k, draws[k]).mean()) for k in SPIN}
+def _spins_near(draws: Mapping[str, ArrayLike]) -> list[dict[str, float]]:
+    """The mean spin of a solution, and that with the opposite longitude of the pole, which light
+    curves from near the ecliptic hardly tell apart."""
+    mean = {k: float(_unwrapped(k, draws[k]).mean()) for k in SPIN}
+    return [mean, {**mean, "pole_lon_deg": mean["pole_lon_deg"] + 180.0}]
 
 
 def _spins(problem: Problem, data: Epochs, z: Floats, information: Floats) -> dict[str, Floats]:
