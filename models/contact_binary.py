@@ -7,8 +7,6 @@ import numpyro.distributions as dist
 from lcbayes.core.jax_setup import jnp
 from lcbayes.modelling import asteroids, likelihood, priors, zero_points
 from lcbayes.modelling.epochs import Epochs
-from lcbayes.physics import photometry
-from lcbayes.physics.attitude import rotations
 from lcbayes.physics.bodies import contact_binary
 
 SUMMARY = "two ellipsoids in contact that shade one another, principal-axis spin"
@@ -75,23 +73,18 @@ def model(
     body = contact_binary.lobes(ratio, axis_ba, axis_cb, separation)
 
     lambert = asteroids.lambert()
-    size = asteroids.calibration(data, lambert) if data.calibrated else 1.0
+    size = asteroids.calibration(data, lambert)
     if data.calibrated:
         numpyro.deterministic("total_albedo_area", asteroids.SPHERE * size)
-    surface = asteroids.phase_law(data) if asteroids.n_phase_laws(data) else 1.0
-    tilt = rotations.brought_to(pole)
+    surface = asteroids.phase_law(data)
 
-    def instantaneous(t):
-        rotation = rotations.spinning(t - data.t_middle + phase_s, tilt, period_s)
-        sun, obs = rotations.to_body(rotation, data.sun), rotations.to_body(rotation, data.obs)
+    def seen(sun, obs):
         return contact_binary.flux(sun, obs, body, asteroids.LAW, lambert, n_quadrature)
 
-    mean = photometry.exposed(instantaneous, data.exposure_s)
-    flux = asteroids.SPHERE * (mean if data.has_exposure else instantaneous)(data.t)
+    flux = asteroids.SPHERE * asteroids.rotating(data, pole, period_s, seen, phase_s)
     zero_point = zero_points.Prior(zero_point_sd)
-    likelihood.observe(
-        data, surface * size * flux, noise_law, scatter, False, zero_point, correlated_noise
-    )
+    flux = surface * size * flux
+    likelihood.observe(data, flux, noise_law, scatter, False, zero_point, correlated_noise)
 
 
 def shapes(data: Epochs, **options):  # noqa: ARG001

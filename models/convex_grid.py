@@ -15,7 +15,7 @@ from lcbayes.modelling.expansion import Expansion, likely_draws
 from lcbayes.modelling.moments import MomentCoordinates
 from lcbayes.modelling.problem import compiled
 from lcbayes.modelling.relief import EllipsoidWithRelief
-from lcbayes.physics import brightness, photometry
+from lcbayes.physics import brightness
 from lcbayes.physics.attitude import rotations
 from lcbayes.physics.bodies import facets
 
@@ -104,8 +104,8 @@ def model(
     share = jax.nn.softmax(harmonics @ coefficients + log_weights)
     numpyro.sample("closure", dist.Normal(share @ normals, CLOSURE_SD).to_event(1), obs=np.zeros(3))
     lambert = asteroids.lambert()
-    size = asteroids.calibration(data, lambert) if data.calibrated else 1.0
-    surface = asteroids.phase_law(data) if asteroids.n_phase_laws(data) else 1.0
+    size = asteroids.calibration(data, lambert)
+    surface = asteroids.phase_law(data)
     _, coarse, log_coarse = grid(n_facets, degree)
     reported = jax.nn.softmax(coarse @ coefficients + log_coarse)
     numpyro.deterministic("albedo_area", asteroids.SPHERE * size * reported)
@@ -123,15 +123,12 @@ def model(
 
 def _light(data: Epochs, normals, pole, period_s, area, lambert) -> jax.Array:
     """Flux of all facets, without the phase law, (T,)."""
-    tilt, n = rotations.brought_to(pole), jnp.asarray(normals)
+    n = jnp.asarray(normals)
 
-    def instantaneous(t):
-        rotation = rotations.spinning(t - data.t_middle, tilt, period_s)
-        sun, obs = rotations.to_body(rotation, data.sun), rotations.to_body(rotation, data.obs)
+    def seen(sun, obs):
         return brightness.flux(sun, obs, n, area, asteroids.LAW, lambert, single_slopes=True)
 
-    mean = photometry.exposed(instantaneous, data.exposure_s)
-    return (mean if data.has_exposure else instantaneous)(data.t)
+    return asteroids.rotating(data, pole, period_s, seen)
 
 
 def _motion(pole: jax.Array, shift: jax.Array, axes: jax.Array) -> jax.Array:

@@ -16,6 +16,9 @@ from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.problem import Problem
 from lcbayes.modelling.recorded import Sites
 
+SPINS_FREELY = (
+    "--start-from goes with models that spin freely: faceted, body, convex-grid, contact-binary"
+)
 POLE, SHIFT, SHAPE, OMEGA = "pole_base", "period_shift", "coefficients", "omega_unit"
 
 
@@ -41,10 +44,7 @@ def placed(
     """
     names = set(problem.names)
     if not ({POLE, SHIFT} <= names or OMEGA in names):
-        raise InputError(
-            "--start-from goes with models that spin freely: faceted, body, convex-grid, "
-            "contact-binary"
-        )
+        raise InputError(SPINS_FREELY)
     if OMEGA in names:
         every = [_omega(spin, float(options["omega_sd"])) for spin in spins]
     else:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import numpyro
 import numpyro.distributions as dist
@@ -19,6 +21,7 @@ from lcbayes.modelling import priors
 from lcbayes.modelling.epochs import Epochs
 from lcbayes.modelling.recorded import Sites
 from lcbayes.physics import photometry
+from lcbayes.physics.attitude import rotations
 from lcbayes.physics.bodies import facets
 
 LAW = "lommel-seeliger-lambert"
@@ -62,6 +65,28 @@ def period_s(data: Epochs, period: float, shift: jax.Array) -> jax.Array:
     return given + shift * given**2 / (2.0 * data.t_span)
 
 
+def rotating(
+    data: Epochs,
+    pole: jax.Array,
+    period_s: jax.Array,
+    seen: Callable[[jax.Array, jax.Array], jax.Array],
+    phase_s: jax.Array | float = 0.0,
+) -> jax.Array:
+    """Flux (T,) of a body that rotates steadily, averaged over exposures.
+
+    ``seen`` gives the flux from the directions to Sun and observer, (T, 3) in body axes. These are
+    `rotations.brought_to` of the pole at the middle of the data, ``phase_s`` earlier.
+    """
+    tilt = rotations.brought_to(pole)
+
+    def instantaneous(t: jax.Array) -> jax.Array:
+        rotation = rotations.spinning(t - data.t_middle + phase_s, tilt, period_s)
+        return seen(rotations.to_body(rotation, data.sun), rotations.to_body(rotation, data.obs))
+
+    mean = photometry.exposed(instantaneous, data.exposure_s)
+    return (mean if data.has_exposure else instantaneous)(data.t)
+
+
 def typical(data: Epochs) -> jax.Array:
     """Mean flux of the calibrated points, at unit distance and irradiance."""
     known = ~jnp.asarray(data.free_scale)[data.curve]
@@ -71,12 +96,14 @@ def typical(data: Epochs) -> jax.Array:
     return jnp.sum(jnp.where(known, linear / data.dilution, 0.0)) / jnp.sum(known)
 
 
-def calibration(data: Epochs, c: jax.Array) -> jax.Array:
-    """Σα/8 of the body, which only calibrated curves constrain.
+def calibration(data: Epochs, c: jax.Array) -> jax.Array | float:
+    """Σα/8 of the body, which only calibrated curves constrain; 1 without them.
 
     The data constrain F = Σα (1/8 + c/6) much better than Σα or c. With Σα as a coordinate, the
     posterior would be a narrow curved ridge in Σα and c, on which chains move slowly.
     """
+    if not data.calibrated:
+        return 1.0
     flux = jnp.exp(numpyro.sample("log_sphere_flux", dist.Normal(jnp.log(typical(data)), 1.0)))
     return flux / (1.0 + 4.0 * c / 3.0)
 
@@ -86,14 +113,17 @@ def n_phase_laws(data: Epochs) -> int:
     return int(data.calibrated) + len(data.phased)
 
 
-def phase_law(data: Epochs) -> jax.Array:
-    """S of each epoch (T,), which only curves constrain that cover a range of phase angles.
+def phase_law(data: Epochs) -> jax.Array | float:
+    """S of each epoch (T,), which only curves constrain that cover a range of phase angles; 1
+    without them.
 
     The parameters are vectors if there are several laws: of the calibrated curves, if there are
     any, then of the relative ones with a law of their own, most points first. All other curves
     have the first law.
     """
     count = n_phase_laws(data)
+    if not count:
+        return 1.0
     each = (count,) if count > 1 else ()
     a = jnp.exp(numpyro.sample("log_phase_a", dist.Normal(np.log(0.5), 0.5).expand(each)))
     d = jnp.exp(numpyro.sample("log_phase_d", dist.Normal(np.log(0.1), 0.5).expand(each)))

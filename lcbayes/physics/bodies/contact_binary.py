@@ -83,10 +83,12 @@ def flux(sun: jax.Array, obs: jax.Array, body: Lobes, law: str, c: jax.Array, n:
         About the number of patches of each ellipsoid.
     """
     soft = SOFTNESS / np.sqrt(n)
-    u = jnp.asarray(facets.grid(n)[:, [2, 0, 1]])
+    lattice = facets.grid(n)[:, [2, 0, 1]]
 
     def light(k: int) -> tuple[jax.Array, jax.Array]:
         """Light (T,) and surface of one ellipsoid."""
+        # turned by half a turn, so that the ellipsoids may be exchanged
+        u = jnp.asarray(lattice if k == 0 else lattice * np.array([-1.0, -1.0, 1.0]))
         axes, of_other = body.axes[k], body.axes[1 - k]
         stretched = u / axes
         length = jnp.linalg.norm(stretched, axis=1)

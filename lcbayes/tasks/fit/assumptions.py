@@ -17,6 +17,7 @@ from lcbayes.modelling.registry import Entry
 from lcbayes.modelling.zero_points import SHARED
 from lcbayes.physics.photometry import SUN_MAGNITUDE
 from lcbayes.simulation.known_bodies.reader import body_text, described, read_body_text
+from lcbayes.tasks.task import ASTEROIDS
 
 FRAMES = {
     "icrs": "the axes of ICRS",
@@ -48,15 +49,12 @@ def _of_body(curve: LightCurve, entry: Entry, options: Mapping[str, Any]) -> Ite
             f"are those at the start, where its axes are {frame}.",
         }[str(options.get("spin", "free"))]
         yield from _of_known_spin(curve, options)
-    elif model == "convex-grid":
-        yield "The body is convex, and spins about a fixed axis of its own."
-        near = _shown(options["period"])
-        yield f"Its sidereal period is near {near} h; other periods were not searched."
-    elif model == "contact-binary":
-        yield (
-            "The body is two ellipsoids in contact that shade one another, and spins about a fixed "
-            "axis of its own, across the line of their centres."
-        )
+    elif model in ASTEROIDS:
+        yield {
+            "convex-grid": "The body is convex, and spins about a fixed axis of its own.",
+            "contact-binary": "The body is two ellipsoids in contact that shade one another, and "
+            "spins about a fixed axis of its own, across the line of their centres.",
+        }[model]
         near = _shown(options["period"])
         yield f"Its sidereal period is near {near} h; other periods were not searched."
     elif model == "body":

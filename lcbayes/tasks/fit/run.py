@@ -24,6 +24,7 @@ from lcbayes.inference import fit as engine
 from lcbayes.inference.identity import identity as identity_of
 from lcbayes.inference.rival import rival
 from lcbayes.inference.sparse import SparsePath
+from lcbayes.inference.start_from import SPINS_FREELY
 from lcbayes.modelling import registry
 from lcbayes.modelling.options import PRIORS, ModelOptions
 from lcbayes.modelling.registry import Entry
@@ -207,10 +208,7 @@ def _started(
     """
     period = entry.options.get("period")
     if period is None and start.periods:
-        raise InputError(
-            "--start-from goes with models that spin freely: faceted, body, convex-grid, "
-            "contact-binary"
-        )
+        raise InputError(SPINS_FREELY)
     own = entry.hook("search") is not None  # over all spins, which needs no other start
     if period is None or (period.type is str and not start.periods and not own):
         return start.spins, dict(asked)

@@ -14,6 +14,7 @@ import lcbayes
 from benchmarks import _asteroids as asteroids
 from lcbayes.core.jax_setup import jax, jnp
 from lcbayes.inference import rival as rivals
+from lcbayes.inference.label_switching import AttitudeOrder
 from lcbayes.inference.rival import SPIN, Rival
 from lcbayes.inference.start_from import placed
 from lcbayes.modelling import registry
@@ -132,3 +133,19 @@ def test_rivals_name_each_other_and_start_at_given_spins(name, tmp_path):
     for k in SPIN:
         expected = np.repeat([spin[k] for spin in spins], count)
         np.testing.assert_allclose(np.asarray(sites[k]).ravel(), expected, rtol=1e-9)
+
+
+def test_the_exchange_of_ellipsoids_leaves_the_posterior_as_it_is(tmp_path):
+    """Each of the `equivalents` of the model, at a draw of the prior."""
+    case = asteroids.draw_case("binary", 1)
+    asteroids.write(case, tmp_path / "curve.lcs")
+    data, entry = Epochs.of(lcbayes.read(tmp_path / "curve.lcs")), registry.find("contact-binary")
+    problem = Problem(entry.bind({"period": case.given_period_h, "n_quadrature": 60}), data)
+    alike = entry.hook("equivalents")
+    assert alike is not None
+    z = np.asarray(problem.prior_draw(jax.random.key(3), data))
+    first, second = AttitudeOrder(problem, alike()).images(z[None])[0]
+    assert np.abs(first - second).max() > 0.1
+    potential = jax.jit(problem.potential)
+    values = [float(potential(jnp.asarray(x), data)) for x in (first, second)]
+    assert values[1] == pytest.approx(values[0], rel=1e-9)

@@ -117,6 +117,21 @@ def test_a_lobe_inside_the_other_is_not_seen():
     np.testing.assert_allclose(got, expected, rtol=3e-3)
 
 
+def test_the_ellipsoids_may_be_exchanged():
+    """In the other order, and turned by half a turn about z, it is the same body."""
+    sun, obs = directions(30.0)
+    ba, cb = jnp.array([0.8, 1.1]), jnp.array([0.75, 0.9])
+    turn = np.array([-1.0, -1.0, 1.0])
+    one = contact_binary.flux(
+        jnp.asarray(sun), jnp.asarray(obs), lobes(0.7, ba, cb, 0.9), LAW, jnp.asarray(C), N
+    )
+    exchanged = lobes(1.0 / 0.7, ba[::-1], cb[::-1], 0.9)
+    other = contact_binary.flux(
+        jnp.asarray(sun * turn), jnp.asarray(obs * turn), exchanged, LAW, jnp.asarray(C), N
+    )
+    np.testing.assert_allclose(other, one, rtol=1e-10)
+
+
 def test_slopes_are_those_of_differences():
     sun, obs = (jnp.asarray(x) for x in directions(30.0, 6))
 
